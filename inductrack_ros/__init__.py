@@ -1,0 +1,1 @@
+"""Simulation and model diagnosis of the Inductrack maglev cradle of Kim and Ge (2012)."""

@@ -1,0 +1,1 @@
+"""The physics, without ROS: state, parameters, effects, compiled kernel, model."""
