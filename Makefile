@@ -1,0 +1,37 @@
+# make demo | make test | make lint | make clean. No environment variable is needed.
+#
+# On a sourced ROS 2 distribution that one is used (a virtual environment that sees the system's packages);
+# on a bare machine ROS 2 comes as wheels from PyPI into .venv.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+ROS := $(if $(AMENT_PREFIX_PATH),$(or $(ROS_DISTRO),distribution),wheels)
+
+comma := ,
+EXTRAS := $(if $(filter wheels,$(ROS)),test$(comma)ros,test)
+READY := $(VENV)/ready-$(ROS)
+
+.PHONY: demo test lint setup clean
+.NOTPARALLEL:
+
+demo: $(READY)
+	@$(BIN)/python -m inductrack_ros.demo
+
+test: $(READY) lint
+	@$(BIN)/python -m pytest
+
+lint: $(READY)
+	@$(BIN)/lint-imports --no-logo
+
+setup: $(READY)
+
+$(READY): setup.py Makefile
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "$(PYTHON) is Python %d.%d; 3.10 or newer is needed: make PYTHON=python3.12" % sys.version_info[:2])'
+	@echo "Installing into $(VENV) (ROS 2: $(ROS)) ..."
+	@ls $(READY) >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(if $(filter wheels,$(ROS)),,--system-site-packages) $(VENV)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build install log report

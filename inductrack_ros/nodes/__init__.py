@@ -1,0 +1,1 @@
+"""ROS 2 nodes: message → record, advance, record → message; no equations."""

@@ -1,0 +1,52 @@
+"""Package description for pip and for colcon (ament_python)."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "inductrack_ros"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Real-time simulation and model diagnosis of the Inductrack maglev cradle, as a ROS 2 package",
+    license="Apache-2.0",
+    maintainer="inductrack_ros maintainers",
+    maintainer_email="maintainers@users.noreply.h-seed-6504a9f7.example",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["**/*.yaml", "**/*.json", "**/*.js", "**/*.css", "**/*.html"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", glob("launch/*.launch.py")),
+        (f"share/{NAME}/config", glob("config/*")),
+        (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
+    ],
+    python_requires=">=3.10",
+    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "rosbags>=0.10.5", "plotly", "rich"],
+    extras_require={
+        # ROS 2 Jazzy as PyPI wheels, for machines without a distribution; never installed over a sourced one.
+        "ros": [
+            "ros-rclpy[fastrtps]==7.1.6",
+            "ros-std-msgs==5.3.6",
+            "ros-geometry-msgs==5.3.6",
+            "ros-sensor-msgs==5.3.6",
+            "ros-nav-msgs==5.3.6",
+            "ros-visualization-msgs==5.3.6",
+            "ros-diagnostic-msgs==5.3.6",
+            "ros-std-srvs==5.3.6",
+            "ros-rosgraph-msgs==2.0.3",
+        ],
+        "test": ["pytest", "hypothesis", "import-linter", "colcon-common-extensions"],
+        "cluster": ["dask[distributed]"],
+    },
+    zip_safe=True,
+    entry_points={
+        "console_scripts": [
+            f"inductrack = {NAME}.cli:main",
+            f"sim = {NAME}.nodes.sim:main",
+            f"track_controller = {NAME}.nodes.track_controller:main",
+            f"record = {NAME}.nodes.record:main",
+        ],
+    },
+)
