@@ -1,0 +1,1 @@
+"""A second implementation of the model and a generator of blind campaigns; shares no code with the package."""
