@@ -1,0 +1,285 @@
+"""From equations and effects to machine code.
+
+One Python module is written per set of effects: the statements of `equations`, a call of each effect after the
+statement that gives what it changes, and the text of `integrator`. numba compiles it once and keeps the result on
+disk under a hash of everything that went in, so a changed effect is a new module and never a stale one.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import inspect
+import os
+import platform
+import sys
+import tempfile
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from . import equations, integrator
+from .effects import Effect
+from .errors import InputError, did_you_mean
+from .parameters import PARAMETERS
+from .state import STATES
+
+#: Quantities `evaluate` hands out besides the derivative; the first six serve the integrator.
+QUANTITIES = (
+    "gap_top", "gap_right", "gap_left", "gap_top_rate", "gap_right_rate", "gap_left_rate",
+    "repulsion_top", "repulsion_right", "repulsion_left", "normal_top", "normal_right", "normal_left",
+    "magnetic_drag", "thrust", "force_surge", "force_sway", "force_heave", "moment_roll",
+    "arm_top_x", "arm_right_x", "arm_right_y", "arm_left_x", "arm_left_y", "overlap", "current_lift", "current_drag",
+)  # fmt: skip
+#: Longest free step over the field's time scale, and contact step over the contact's: set by the golden trajectories.
+FREE_STEP, CONTACT_STEP = 0.04, 0.2
+
+_MOMENT = ("time", "travel", "pulse_current", "averaged", "touching_top", "touching_right", "touching_left")
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Compiled functions for one ordered set of effects, and where their numbers stand.
+
+    ``parameters`` names the entries of the parameter vector P, ``states`` those of the state vector, ``effects`` the
+    entries of the switch vector ``on``. ``simulate_batch`` and ``evaluate`` are `integrator`'s.
+    """
+
+    effects: tuple[str, ...]
+    parameters: tuple[str, ...]
+    states: tuple[str, ...]
+    started_on: tuple[str, ...]
+    simulate_batch: Callable
+    evaluate: Callable
+    source: str
+
+
+def _assigned(statement: ast.stmt) -> set[str]:
+    return {n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+
+
+def _call(index: int, item: Effect, known: set[str], column: dict[str, int]) -> list[str]:
+    """Lines that call effect ``index`` when it is switched on."""
+    arguments = []
+    for name in item.arguments:
+        if name in item.parameters:
+            arguments.append(f"P[{column[f'{item.name}.{name}']}]")
+        elif name in item.states:
+            arguments.append(f"x[{column[f'{item.name}.{name}']}]")
+        elif name in known:
+            arguments.append(name)
+        else:
+            late = name in _QUANTITY_NAMES
+            remedy = (
+                f"; it is not known yet where {item.targets[0]} is decided" if late else did_you_mean(name, sorted(known))
+            )
+            raise InputError(f"effect '{item.name}' asks for '{name}', which is not there{remedy}")
+    results = [f"r{index}_{i}" for i in range(len(item.targets) + len(item.states))]
+    call = f"{', '.join(results)} = effect_{index}({', '.join(arguments)})"
+    sign = "" if item.replaces else "+"
+    moves = [f"{target} {sign}= {result}" for target, result in zip(item.targets, results, strict=False)]
+    rates = [
+        f"dx[{column[f'{item.name}.{s}']}] = {r}"
+        for s, r in zip(item.states, results[len(item.targets) :], strict=True)
+    ]
+    return [f"if on[{index}]:", *(f"    {line}" for line in [call, *moves, *rates])]
+
+
+_BODY = ast.parse(inspect.getsource(equations.equations)).body[0].body[1:-1]
+_QUANTITY_NAMES = set().union(*map(_assigned, _BODY))
+
+
+def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
+    """Text of the right-hand side with the effects' calls in it."""
+    waiting = {i: item for i, item in enumerate(effects)}
+    for item in effects:
+        for target in item.targets:
+            if target not in _QUANTITY_NAMES | set(PARAMETERS):
+                raise InputError(f"effect '{item.name}' changes '{target}'{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}")
+    used = {"mass", "roll_inertia"} | {n.id for s in _BODY for n in ast.walk(s) if isinstance(n, ast.Name)}
+    used |= {a for item in effects for a in (*item.arguments, *item.targets)} & set(PARAMETERS)
+    lines = [f"{name} = P[{column[name]}]" for name in PARAMETERS if name in used]
+    lines += [f"{name} = x[{i}]" for i, name in enumerate(STATES)]
+    lines += ["travel = surge - origin"]
+    known = {*STATES, *PARAMETERS, *_MOMENT}
+    remaining = [_assigned(s) for s in _BODY]
+    for position in range(-1, len(_BODY)):  # −1: a parameter may be changed before the first equation
+        if position >= 0:
+            lines += ast.unparse(_BODY[position]).splitlines()
+            known |= remaining[position]
+        later = set().union(*remaining[position + 1 :])
+        for i, item in list(waiting.items()):
+            if not later & set(item.targets) and known >= set(item.targets):
+                lines += _call(i, item, known, column)
+                del waiting[i]
+    lines += [f"dx[{i}] = x[{4 + i}] * moving[{i}]" for i in range(4)]
+    lines[-4] = "dx[0] = x[4]"  # a held speed still travels
+    for i, (force, inertia) in enumerate(
+        [("force_surge", "mass"), ("force_sway", "mass"), ("force_heave", "mass"), ("moment_roll", "roll_inertia")]
+    ):
+        lines.append(f"dx[{4 + i}] = {force} / {inertia} * moving[{i}]")
+    lines += [f"q[{i}] = {name}" for i, name in enumerate(QUANTITIES[:6])]
+    lines += ["if detail:"] + [f"    q[{i}] = {name}" for i, name in enumerate(QUANTITIES) if i >= 6]
+    head = "def derivative(time, x, P, on, moving, touching, origin, averaged, pulse_current, dx, q, detail):"
+    unpack = [f"{name} = touching[{i}]" for i, name in enumerate(_MOMENT[4:])]
+    unpack += [f"dx[{i}] = 0.0" for i in range(8, 8 + sum(len(e.states) for e in effects))]
+    return "\n".join([head, *(f"    {line}" for line in unpack + lines)])
+
+
+def _fingerprint(function: Callable, seen: set[int]) -> str:
+    """What a function does: its code and everything its code refers to, so that an edit anywhere shows."""
+    function = getattr(function, "py_func", function)
+    if id(function) in seen:
+        return ""
+    seen.add(id(function))
+    parts = []
+
+    def code(c: types.CodeType) -> None:
+        parts.append(c.co_code.hex())
+        for constant in c.co_consts:
+            code(constant) if isinstance(constant, types.CodeType) else parts.append(repr(constant))
+        parts.append(repr((c.co_names, c.co_varnames, c.co_freevars)))
+        for name in c.co_names:
+            describe(name, function.__globals__.get(name))
+
+    def describe(name: str, value: object) -> None:
+        if isinstance(value, np.ndarray):
+            parts.append(f"{name}={value.dtype}{value.shape}{value.tobytes().hex()}")
+        elif hasattr(value, "py_func") or isinstance(value, types.FunctionType):
+            parts.append(name + _fingerprint(value, seen))
+        elif not isinstance(value, types.ModuleType):
+            parts.append(f"{name}={value!r}")
+
+    code(function.__code__)
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        describe(name, cell.cell_contents)
+    return "|".join(parts)
+
+
+def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
+    constants = {name.upper(): column[name] for name in PARAMETERS}
+    constants |= {"N_STATES": n_states, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
+    jitted = ["pulse_sum", "touches", "step_sizes", "runge_kutta", "integrate"]
+    text = inspect.getsource(integrator)
+    options = "nogil=True, error_model='numpy'"
+    for name in jitted:
+        text = text.replace(f"\ndef {name}(", f"\n@njit({options})\ndef {name}(", 1)
+    for name in ("simulate_batch", "evaluate"):
+        text = text.replace(f"\ndef {name}(", f"\n@njit({options}, cache=True)\ndef {name}(", 1)
+    head = [
+        "from math import cos, exp, pi, sin, sqrt",
+        "import numpy as np",
+        "from numba import njit",
+        f"SQRT_HALF = {equations.SQRT_HALF!r}",
+        f"MAX_STEPS = np.array([{', '.join(repr(e.max_step) for e in effects)}], dtype=np.float64)",
+        *(f"{name} = {value!r}" for name, value in constants.items()),
+        "",
+        f"@njit({options})",
+        _derivative(effects, column),
+        "",
+        "",
+    ]
+    return "\n".join(head) + text
+
+
+def cache_folder() -> Path:
+    """Where compiled kernels are kept: ``$INDUCTRACK_CACHE``, else the user's cache folder, else a temporary one."""
+    for folder in (
+        os.environ.get("INDUCTRACK_CACHE"),
+        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "inductrack_ros",
+        Path(tempfile.gettempdir()) / f"inductrack_ros-{os.getuid()}",
+    ):
+        if folder:
+            try:
+                Path(folder).mkdir(parents=True, exist_ok=True)
+                with tempfile.TemporaryFile(dir=folder):
+                    return Path(folder)
+            except OSError:
+                continue
+    raise InputError("no folder to keep compiled code in; set INDUCTRACK_CACHE to one that can be written")
+
+
+_kernels: dict[str, Kernel] = {}
+
+
+def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None = None) -> Kernel:
+    """The kernel for these effects (sensor effects have no place in it and are passed over).
+
+    Compiles on first use and tells ``announce`` so; later starts load machine code from the cache. Raises
+    `InputError` for an effect that asks for what is not there or that numba cannot compile.
+    """
+    items = [e for e in effects.values() if not e.of_channel]
+    names = [*PARAMETERS] + [f"{e.name}.{p}" for e in items for p in e.parameters]
+    carried = [f"{e.name}.{s}" for e in items for s in e.states]
+    column = {n: i for i, n in enumerate(names)} | {n: 8 + i for i, n in enumerate(carried)}
+    started_on = tuple(q for e in items for q in e.states.values())
+    for item in items:
+        for quantity in item.states.values():
+            if quantity not in QUANTITIES:
+                raise InputError(f"effect '{item.name}': a state starts on '{quantity}'{did_you_mean(quantity, QUANTITIES)}")
+    text = _module_text(items, column, 8 + len(carried))
+    ingredients = [text, numba.__version__, np.__version__, sys.version, platform.processor(), platform.machine()]
+    ingredients += [_fingerprint(e.function, set()) for e in items]
+    key = hashlib.sha256("\n".join(ingredients).encode()).hexdigest()[:20]
+    if key in _kernels:
+        return _kernels[key]
+
+    folder = cache_folder() / key
+    path = folder / "inductrack_kernel.py"
+    fresh = not path.exists()
+    if fresh:  # written aside and renamed, for two processes may start at once
+        folder.mkdir(exist_ok=True)
+        aside = folder / f"kernel.{os.getpid()}.tmp"
+        aside.write_text(text)
+        os.replace(aside, path)
+    name = f"inductrack_kernel_{key}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    for i, item in enumerate(items):
+        setattr(module, f"effect_{i}", numba.njit(nogil=True, error_model="numpy")(item.function))
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    if announce and not list(folder.glob("__pycache__/*.nbc")):
+        announce("compiling the model, once for this set of effects …")
+    kernel = Kernel(
+        tuple(e.name for e in items), tuple(names), STATES + tuple(carried), started_on,
+        module.simulate_batch, module.evaluate, text,
+    )  # fmt: skip
+    _warm_up(kernel, items)
+    _kernels[key] = kernel
+    return kernel
+
+
+def _warm_up(kernel: Kernel, items: list[Effect]) -> None:
+    """Compile (or load) now, with every effect tried alone if the whole does not compile, to name the one at fault."""
+    n = len(kernel.states)
+    P = np.array([PARAMETERS[p].default if p in PARAMETERS else 1.0 for p in kernel.parameters])
+    empty = np.empty(0)
+    on = np.zeros((1, len(items)), np.bool_)
+    try:
+        kernel.evaluate(0.0, np.zeros(n), P, on[0], np.ones(4), 0.0, True, empty, empty, empty, np.zeros(n), np.zeros(len(QUANTITIES)))
+        kernel.simulate_batch(
+            np.zeros(1), 0.0, np.zeros((1, n)), P[None], on, np.ones(4), np.zeros(1), True, empty, empty, empty, 1.0, np.zeros((1, 1, 15))
+        )
+    except numba.core.errors.NumbaError as error:
+        for item in items:
+            try:
+                numba.njit(item.function).compile((numba.float64,) * len(item.arguments))
+            except numba.core.errors.NumbaError as own:
+                raise InputError(
+                    f"effect '{item.name}' cannot be compiled: {_first_line(own)}; use arithmetic, math functions and if"
+                ) from own
+        wrong = next((e.name for e in items if f"effect_{items.index(e)}" in str(error)), None)
+        raise InputError(
+            f"effect '{wrong or '?'}' returns something else than {'its targets'}: {_first_line(error)}"
+        ) from error
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return next((line for line in lines if "rror" not in line or ":" in line), lines[0])[:160] if lines else type(error).__name__

@@ -1,0 +1,453 @@
+"""The cradle as users meet it: parameters, effects, simulation, forces; read from and written to ROS 2 parameter files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.optimize import brentq
+
+from . import kernel as kernels
+from .effects import Effect, load_effects, split_name
+from .errors import InputError, did_you_mean
+from .parameters import PARAMETERS, check_parameters
+from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES
+
+DRIVES = ("averaged", "pulses")
+_NONE = np.empty(0)
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """Drive pulses in the order they begin: ``times`` (s, start of the half sine), ``coils`` (index) and ``currents`` (A, signed), each (n,)."""
+
+    times: np.ndarray
+    coils: np.ndarray
+    currents: np.ndarray
+
+    def arrays(self, wavelength: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times, coil places (m) and currents as the kernel takes them.
+
+        Coil n stands at n λ/2. Neighbours are wound in opposite sense, so that the current alternates from coil to
+        coil as the paper has it; the sign below undoes that.
+        """
+        order = np.argsort(self.times, kind="stable")
+        coils = np.asarray(self.coils, float)[order]
+        sign = 1.0 - 2.0 * (np.round(coils) % 2)
+        currents = np.asarray(self.currents, float)[order] * sign
+        return np.asarray(self.times, float)[order], coils * wavelength / 2, currents
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated run: ``times`` (n,) and ``outputs`` (n, 15), the columns of `state.OUTPUTS`; ``final`` is the whole last state."""
+
+    times: np.ndarray
+    outputs: np.ndarray
+    final: np.ndarray
+
+    def __getitem__(self, channel: str) -> np.ndarray:
+        return self.outputs[:, INDEX[channel]]
+
+    @property
+    def states(self) -> np.ndarray:
+        """The eight states, (n, 8)."""
+        return self.outputs[:, :8]
+
+
+@dataclass(frozen=True)
+class Model:
+    """One parametrised model of the cradle, which never changes once made (see `with_changes`).
+
+    ``parameters`` holds every entry of `parameters.PARAMETERS`; ``effects`` maps each active effect's full name
+    (``sensor_bias:sway`` for a sensor's) to its parameters; ``dof`` is 1, 2 or 4; ``drive`` is ``averaged`` or ``pulses``.
+    """
+
+    parameters: Mapping[str, float]
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    dof: int = 4
+    drive: str = "averaged"
+    effect_files: tuple[str, ...] = ()
+
+    # -- making one ---------------------------------------------------------------------------------------------
+
+    @classmethod
+    def create(
+        cls,
+        parameters: Mapping[str, object] | None = None,
+        effects: Mapping[str, Mapping[str, object]] | Iterable[str] = (),
+        dof: int = 4,
+        drive: str = "averaged",
+        effect_files: Iterable[str | Path] = (),
+        where: str = "",
+    ) -> Model:
+        """A checked model. ``effects`` are names, or a mapping from names to parameter values. Raises `InputError`."""
+        place = f"{where}: " if where else ""
+        if dof not in MOVING or isinstance(dof, bool):
+            raise InputError(f"{place}dof = {dof!r}; it must be 1, 2 or 4")
+        if drive not in DRIVES:
+            raise InputError(f"{place}drive = {drive!r}; it must be 'averaged' or 'pulses'")
+        files = tuple(str(f) for f in effect_files)
+        known = load_effects(files)
+        given = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
+        checked: dict[str, dict[str, float]] = {}
+        for name, values in given.items():
+            item, _ = split_name(name, known, CHANNELS, where)
+            for parameter in values:
+                if parameter not in item.parameters:
+                    raise InputError(f"{place}effect '{name}' has no parameter '{parameter}'{did_you_mean(parameter, item.parameters)}")
+            if item.only and item.only != drive:
+                raise InputError(f"{place}effect '{name}' belongs to the {item.only} drive; with drive: {drive} the pulses themselves show it")
+            checked[name] = {
+                p: declared.check(f"{name}.{p}", values.get(p, declared.default), where)
+                for p, declared in item.parameters.items()
+            }
+        return cls(check_parameters(parameters or {}, where), checked, dof, drive, files)
+
+    @classmethod
+    def default(cls) -> Model:
+        """The paper's model with the published η and γ and no effect."""
+        return cls.create()
+
+    @classmethod
+    def load(cls, path: str | Path, extra_files: Iterable[str | Path] = (), ignore: Iterable[str] = ()) -> Model:
+        """Read a ROS 2 parameter file, or a plain mapping of the same names.
+
+        ``extra_files`` are effect files besides those the file names; names in ``ignore`` (a node's own parameters)
+        are passed over. Raises `InputError` naming the file and the parameter.
+        """
+        return cls.from_mapping(read_parameter_file(path), str(path), extra_files, ignore, Path(path).parent)
+
+    @classmethod
+    def from_mapping(
+        cls,
+        values: Mapping[str, object],
+        where: str = "",
+        extra_files: Iterable[str | Path] = (),
+        ignore: Iterable[str] = (),
+        folder: Path | None = None,
+    ) -> Model:
+        """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``, ``<effect>.<parameter>``."""
+        place = f"{where}: " if where else ""
+        values = dict(values)
+        dof, drive = values.pop("dof", 4), values.pop("drive", "averaged")
+        names = _text_list(values.pop("effects", []), "effects", place)
+        files = [
+            str((folder / f).resolve()) if folder and not os.path.isabs(os.path.expanduser(f)) else f
+            for f in _text_list(values.pop("effect_files", []), "effect_files", place)
+        ] + [str(f) for f in extra_files]
+        base: dict[str, object] = {}
+        effects: dict[str, dict[str, object]] = {name: {} for name in names}
+        for key, value in values.items():
+            effect_name, dot, parameter = key.rpartition(".")
+            if key in ignore or effect_name.split(".")[0] in ignore:
+                continue
+            if not dot:
+                base[key] = value
+            elif effect_name in effects:
+                effects[effect_name][parameter] = value
+            else:
+                item, _ = split_name(effect_name, load_effects(files), CHANNELS, where)  # a value for an effect that is off
+                if parameter not in item.parameters:
+                    raise InputError(f"{place}effect '{effect_name}' has no parameter '{parameter}'{did_you_mean(parameter, item.parameters)}")
+        for key in base:
+            if key not in PARAMETERS:
+                known = [*PARAMETERS, "dof", "drive", "effects", "effect_files"]
+                raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, known)}")
+        return cls.create(base, effects, dof, drive, files, where)
+
+    def with_changes(
+        self,
+        parameters: Mapping[str, float] | None = None,
+        effects: Mapping[str, Mapping[str, float]] | None = None,
+        **others: object,
+    ) -> Model:
+        """A copy with some ``parameters`` changed, and ``effects`` (all of them) replaced where given."""
+        return Model.create(
+            {**self.parameters, **(parameters or {})},
+            self.effects if effects is None else effects,
+            **{"dof": self.dof, "drive": self.drive, "effect_files": self.effect_files, **others},
+        )
+
+    def to_mapping(self) -> dict[str, object]:
+        """Flat names and values, as `from_mapping` reads them."""
+        flat: dict[str, object] = {"dof": self.dof, "drive": self.drive, **self.parameters, "effects": list(self.effects)}
+        if self.effect_files:
+            flat["effect_files"] = list(self.effect_files)
+        return flat | {f"{e}.{p}": v for e, values in self.effects.items() for p, v in values.items()}
+
+    def save(self, path: str | Path, comment: str = "") -> None:
+        """Write a ROS 2 parameter file, whole or not at all."""
+        flat = self.to_mapping()
+        nested: dict[str, object] = {}
+        for key, value in flat.items():
+            effect_name, dot, parameter = key.rpartition(".")
+            if dot:
+                nested.setdefault(effect_name, {})[parameter] = value
+            elif value != []:  # an empty list has no type in a ROS parameter file
+                nested[key] = value
+        text = "".join(f"# {line}\n" for line in comment.splitlines())
+        text += yaml.safe_dump({"/**": {"ros__parameters": nested}}, sort_keys=False, allow_unicode=True)
+        aside = Path(path).with_name(Path(path).name + ".partial")
+        aside.write_text(text, encoding="utf-8")
+        os.replace(aside, path)
+
+    # -- what it is made of -------------------------------------------------------------------------------------
+
+    @cached_property
+    def known_effects(self) -> dict[str, Effect]:
+        """The catalogue and the user's own effects, by name."""
+        return load_effects(self.effect_files)
+
+    @cached_property
+    def kernel(self) -> kernels.Kernel:
+        """The compiled kernel of everything known; effects are switched, not compiled in and out."""
+        return kernels.build(self.known_effects, announce=_announce)
+
+    @cached_property
+    def vector(self) -> np.ndarray:
+        """The kernel's parameter vector P."""
+        flat = dict(self.parameters)
+        for name, item in self.known_effects.items():
+            for parameter, declared in item.parameters.items():
+                flat[f"{name}.{parameter}"] = self.effects.get(name, {}).get(parameter, declared.default)
+        return np.array([flat[name] for name in self.kernel.parameters])
+
+    @cached_property
+    def switches(self) -> np.ndarray:
+        """Which of the kernel's effects are on."""
+        return np.array([name in self.effects for name in self.kernel.effects])
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """1 for each coordinate that moves, 0 for one that is held."""
+        return np.array([float(c in MOVING[self.dof]) for c in COORDINATES])
+
+    # -- running it ---------------------------------------------------------------------------------------------
+
+    def initial_state(self, **given: float) -> np.ndarray:
+        """A state vector from named values; heave is the equilibrium heave unless given, the rest zero.
+
+        Returns (8 + states of effects,). Raises `InputError` for an unknown name or a value that is not finite.
+        """
+        for name, value in given.items():
+            if name not in STATES:
+                raise InputError(f"initial state: unknown name '{name}'{did_you_mean(name, STATES)}")
+            if not np.isfinite(value):
+                raise InputError(f"initial state: {name} = {value} is not finite")
+        x = np.zeros(len(self.kernel.states))
+        for name, value in given.items():
+            x[INDEX[name]] = value
+        if "heave" not in given:
+            x[INDEX["heave"]] = self.equilibrium_heave(x[INDEX["surge_rate"]])
+        return self.with_effect_states(x)
+
+    def with_effect_states(self, x: np.ndarray, time: float = 0.0) -> np.ndarray:
+        """``x`` with the effects' own states set to the quantities they start on (steady values)."""
+        x = np.asarray(x, float)
+        full = np.zeros(len(self.kernel.states))
+        full[: min(len(x), len(full))] = x[: len(full)]
+        if len(full) > 8:
+            without = self.switches & ~np.array([bool(self.known_effects[n].states) for n in self.kernel.effects])
+            _, q = self._evaluate(time, full, self.vector, without)
+            full[8:] = [q[kernels.QUANTITIES.index(name)] for name in self.kernel.started_on]
+        return full
+
+    def equilibrium_heave(self, speed: float) -> float:
+        """Heave at which the vertical forces balance at ``speed`` (m/s), on the track where nothing carries. Newtons cancel to 1e-9."""
+        x = np.zeros(len(self.kernel.states))
+        x[INDEX["surge_rate"]] = speed
+
+        def force(heave: float) -> float:
+            x[INDEX["heave"]] = heave
+            return self._evaluate(0.0, self.with_effect_states(x), self.vector, self.switches)[1][_FORCE_HEAVE]
+
+        low, high = -self.parameters["nominal_gap"] - 2e-3, self.parameters["nominal_gap"]
+        if force(low) <= 0:
+            raise InputError(f"nothing carries the cradle at {speed:g} m/s, not even the track; look at mass and contact_stiffness")
+        for _ in range(6):
+            if force(high) < 0:
+                return brentq(force, low, high, xtol=1e-15, rtol=1e-14)
+            high *= 2
+        raise InputError(f"the lift exceeds the weight at any gap at {speed:g} m/s; give heave in the initial state")
+
+    def simulate(
+        self,
+        times: np.ndarray,
+        x: np.ndarray,
+        drive_current: float | None = None,
+        pulses: Pulses | None = None,
+        start: float | None = None,
+        longest_step: float = 1.0,
+    ) -> Trajectory:
+        """Integrate from ``x``, true at ``start`` (s, the first of ``times`` unless given), through ``times`` (n,), rising.
+
+        Thrust is the averaged law at ``drive_current`` (A), or with ``drive: pulses`` that of ``pulses``. The run's
+        travel counts from x. A state that leaves all bounds ends in NaN rows.
+        """
+        times = np.ascontiguousarray(times, float)
+        if times.ndim != 1 or times.size == 0 or (np.diff(times) < 0).any():
+            raise InputError("simulate: times must be a rising list of seconds")
+        x = self.with_effect_states(x) if len(x) == 8 else np.array(x, float)
+        outputs = np.empty((1, times.size, len(OUTPUTS)))
+        state = x[None].copy()
+        begin = times[0] if start is None else start
+        self._run(times, begin, state, x[0], drive_current, pulses, longest_step, outputs)
+        return Trajectory(times, outputs[0], state[0])
+
+    def advance(
+        self,
+        x: np.ndarray,
+        time: float,
+        until: float,
+        drive_current: float | None = None,
+        pulses: Pulses | None = None,
+        origin: float = 0.0,
+    ) -> np.ndarray:
+        """The state at ``until`` from ``x`` at ``time``: one step of a real-time loop. ``origin`` is the surge where the run began."""
+        state = np.array(x, float)[None]
+        self._run(np.array([until]), time, state, origin, drive_current, pulses, 1.0, np.empty((1, 1, len(OUTPUTS))))
+        return state[0]
+
+    def _run(self, times, start, state, origin, drive_current, pulses, longest, outputs) -> None:
+        averaged = self.drive == "averaged"
+        P = self.vector
+        if drive_current is not None:
+            P = P.copy()
+            P[_DRIVE_CURRENT] = drive_current
+        pt, pp, pc = _NONE, _NONE, _NONE
+        if not averaged and pulses is not None:
+            pt, pp, pc = pulses.arrays(self.parameters["wavelength"])
+        self.kernel.simulate_batch(
+            times, start, state, P[None], self.switches[None], self.moving, np.array([float(origin)]), averaged, pt, pp, pc, longest, outputs
+        )
+
+    def _evaluate(self, time, x, P, on, pulses=None, origin=0.0):
+        dx, q = np.zeros(len(x)), np.zeros(len(kernels.QUANTITIES))
+        pt, pp, pc = pulses.arrays(self.parameters["wavelength"]) if pulses is not None else (_NONE, _NONE, _NONE)
+        self.kernel.evaluate(
+            time, np.ascontiguousarray(x), P, on, self.moving, origin, self.drive == "averaged", pt, pp, pc, dx, q
+        )
+        return dx, q
+
+    def quantities(
+        self, x: np.ndarray, time: float = 0.0, drive_current: float | None = None, pulses: Pulses | None = None, origin: float = 0.0
+    ) -> dict[str, float]:
+        """The named quantities of `kernel.QUANTITIES` (gaps, forces per array, …) and the accelerations at one moment, SI."""
+        P = self._vector_at(drive_current)
+        dx, q = self._evaluate(time, x, P, self.switches, pulses, origin)
+        return dict(zip(kernels.QUANTITIES, q.tolist(), strict=True)) | {
+            f"{c}_acceleration": float(dx[4 + i]) for i, c in enumerate(COORDINATES)
+        }
+
+    def wrenches(
+        self, x: np.ndarray, time: float = 0.0, drive_current: float | None = None, pulses: Pulses | None = None, origin: float = 0.0
+    ) -> dict[str, np.ndarray]:
+        """Forces (N) and roll moment (N·m) apart, each (4,) in the order surge, sway, heave, roll.
+
+        ``lift`` (with slip and its moment), ``drag``, ``thrust``, ``contact``, ``weight``, each effect by name, and
+        ``total``. An effect's wrench is what would be missing without it; one that changes a quantity inside the model
+        (say the resistance) shows there too, so the parts add up without those.
+        """
+        P = self._vector_at(drive_current)
+        _, q = self._evaluate(time, x, P, self.switches, pulses, origin)
+        g = dict(zip(kernels.QUANTITIES, q, strict=True))
+        total = q[_TOTAL]
+        parts = {
+            "lift": _arrays_wrench(g, "repulsion"),
+            "drag": np.array([-g["magnetic_drag"], 0.0, 0.0, 0.0]),
+            "thrust": np.array([g["thrust"], 0.0, 0.0, 0.0]),
+            "contact": _arrays_wrench(g, "normal"),
+            "weight": np.array([0.0, 0.0, -self.parameters["mass"] * self.parameters["gravity"], 0.0]),
+        }
+        for i, name in enumerate(self.kernel.effects):
+            if self.switches[i]:
+                without = self.switches.copy()
+                without[i] = False
+                parts[name] = total - self._evaluate(time, x, P, without, pulses, origin)[1][_TOTAL]
+        return parts | {"total": total.copy()}
+
+    def _vector_at(self, drive_current: float | None) -> np.ndarray:
+        if drive_current is None:
+            return self.vector
+        P = self.vector.copy()
+        P[_DRIVE_CURRENT] = drive_current
+        return P
+
+
+_FORCE_HEAVE = kernels.QUANTITIES.index("force_heave")
+_TOTAL = [kernels.QUANTITIES.index(n) for n in ("force_surge", "force_sway", "force_heave", "moment_roll")]
+_DRIVE_CURRENT = list(PARAMETERS).index("drive_current")
+
+
+def _arrays_wrench(g: Mapping[str, float], kind: str) -> np.ndarray:
+    """Sum of one kind of force over the three arrays, (37) and the moment of (40)."""
+    c = np.sqrt(0.5)
+    top, right, left = (g[f"{kind}_{side}"] for side in ("top", "right", "left"))
+    moment = (
+        g["arm_top_x"] * top
+        + c * right * (g["arm_right_y"] - g["arm_right_x"])
+        - c * left * (g["arm_left_x"] + g["arm_left_y"])
+    )
+    return np.array([0.0, c * (left - right), top - c * (right + left), moment])
+
+
+def _announce(message: str) -> None:
+    import sys
+
+    print(message, file=sys.stderr, flush=True)
+
+
+def _text_list(value: object, name: str, place: str) -> list[str]:
+    if isinstance(value, str):
+        value = [value]
+    if not isinstance(value, (list, tuple)) or any(not isinstance(v, str) for v in value):
+        raise InputError(f"{place}{name} must be a list of names, got {value!r}")
+    return [v for v in value if v]
+
+
+def read_parameter_file(path: str | Path) -> dict[str, object]:
+    """Flat names and values of a ROS 2 parameter file (any node's block) or of a plain YAML mapping. Raises `InputError`."""
+    try:
+        loaded = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error.__class__.__name__}); give a YAML file") from error
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark else ""
+        raise InputError(f"{path}{line}: not valid YAML: {getattr(error, 'problem', None) or error}") from error
+    if not isinstance(loaded, dict):
+        raise InputError(f"{path}: expected parameter names with values, got {type(loaded).__name__}")
+    blocks: list[dict] = []
+    _find_blocks(loaded, blocks)
+    flat: dict[str, object] = {}
+    for block in blocks or [loaded]:
+        if not isinstance(block, dict):
+            raise InputError(f"{path}: ros__parameters must hold parameter names with values")
+        _flatten(block, "", flat)
+    return flat
+
+
+def _find_blocks(node: object, found: list) -> None:
+    if isinstance(node, dict):
+        for key, value in node.items():
+            if key == "ros__parameters":
+                found.append(value)
+            else:
+                _find_blocks(value, found)
+
+
+def _flatten(node: dict, prefix: str, flat: dict[str, object]) -> None:
+    for key, value in node.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            _flatten(value, name + ".", flat)
+        else:
+            flat[name] = value
