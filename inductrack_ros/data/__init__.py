@@ -1,0 +1,18 @@
+"""Measurements in and out: campaigns, CSV files, rosbag2. No ROS installation needed."""
+
+from .bags import read_bag, write_bag
+from .campaign import Campaign, load_campaign
+from .csv_files import read_csv, write_csv, write_prediction
+from .measurement import Pulses, Run
+
+__all__ = [
+    "Campaign",
+    "Pulses",
+    "Run",
+    "load_campaign",
+    "read_bag",
+    "read_csv",
+    "write_bag",
+    "write_csv",
+    "write_prediction",
+]

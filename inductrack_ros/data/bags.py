@@ -1,0 +1,397 @@
+"""rosbag2 in and out (MCAP or SQLite) through the pure-Python `rosbags` package: no ROS installation needed.
+
+Header stamps are the time, not the time of recording. Messages are read one by one; only floats are kept.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from .. import frames
+from ..core.errors import InputError, did_you_mean
+from ..core.state import ACCELERATIONS, CHANNELS, COORDINATES, GAPS, RATES
+from .measurement import Array, Pulses, Run
+
+#: Where the package's own nodes publish. A rig's sensors stand under `measured/`, the simulator's truth beside it.
+MEASURED = "/inductrack/measured/"
+TRUTH = "/inductrack/"
+#: Drive pulses: a PointStamped each; stamp = start of the half sine, x = coil index, y = signed current in A.
+PULSE_TOPICS = ("/inductrack/fired_pulses", "/inductrack/drive_pulses")
+ODOMETRY = "/inductrack/odometry"
+
+TYPES = {
+    "pose": "geometry_msgs/msg/PoseStamped",
+    "twist": "geometry_msgs/msg/TwistStamped",
+    "imu": "sensor_msgs/msg/Imu",
+    **dict.fromkeys(GAPS, "sensor_msgs/msg/Range"),
+    "pulses": "geometry_msgs/msg/PointStamped",
+}
+
+
+@dataclass
+class _Stream:
+    """What one topic gave: stamps (n,) in ns and the message's numbers (n, width)."""
+
+    topic: str
+    stamps: NDArray[np.int64]
+    numbers: Array
+
+
+def read_bag(
+    path: str | Path,
+    topics: Mapping[str, str | None] | None = None,
+    name: str | None = None,
+    gravity: float = frames.GRAVITY,
+) -> Run:
+    """Read one run from a rosbag2 folder, a bare `.mcap` or a bare `.db3`.
+
+    topics: topic of `pose`, `twist`, `imu`, `gap_top`, `gap_right`, `gap_left`, `pulses`; None leaves one out. Where
+        a key is absent the default is `/inductrack/measured/<key>`, or `/inductrack/<key>` in a bag that has nothing
+        under `measured/`. A pose is required, the others are read if they are there.
+    gravity: m/s², what an Imu at rest shows.
+
+    The samples of all topics are laid on the union of their stamps. A twist is in the track's axes, like the pose.
+    Of an Imu only the specific force is read, as three second derivatives, rotated by the roll of the pose at its
+    stamp. A gap that is not finite or beyond its sensor's range is "not measured".
+    Raises InputError, naming bag and topic, for anything that is not such a bag.
+    """
+    path = Path(path)
+    topics = dict(topics or {})
+    for key in topics:
+        if key not in TYPES:
+            raise InputError(f"{path}: topics: unknown key '{key}'{did_you_mean(key, TYPES)}")
+    streams = _read_streams(path, topics)
+
+    pose = streams["pose"]
+    quaternions = pose.numbers[:, 3:]
+    coordinates = frames.pose_to_coordinates(pose.numbers[:, :3], quaternions)
+    if np.isnan(coordinates).any():
+        raise InputError(f"{path}: topic {pose.topic}: an orientation of all zeros; publish a unit quaternion")
+    # An angle recorded as a quaternion comes back within ±π; the model's does not jump.
+    coordinates[:, 3] = np.unwrap(coordinates[:, 3])
+
+    blocks: list[tuple[tuple[str, ...], _Stream, Array]] = [(COORDINATES, pose, coordinates)]
+    if twist := streams.get("twist"):
+        blocks.append((RATES, twist, frames.twist_to_rates(twist.numbers[:, :3], twist.numbers[:, 3:])))
+    imu = streams.get("imu")
+    if imu and not (imu.numbers[:, 3] == -1).all():  # a covariance that starts with -1 says "not measured"
+        start = pose.stamps[0]
+        roll = np.interp(_seconds(imu.stamps, start), _seconds(pose.stamps, start), coordinates[:, 3])
+        accelerations = frames.specific_force_to_accelerations(imu.numbers[:, :3], roll, gravity)
+        blocks.append((ACCELERATIONS[:3], imu, accelerations))
+    for gap in GAPS:
+        if stream := streams.get(gap):
+            present = _within_range(stream.numbers)
+            if not present.any():
+                raise InputError(
+                    f"{path}: topic {stream.topic}: no reading within the sensor's range; "
+                    f"leave it out with topics: {{{gap}: null}}"
+                )
+            seen = _Stream(stream.topic, stream.stamps[present], stream.numbers[present])
+            blocks.append(((gap,), seen, seen.numbers[:, :1]))
+
+    stamps = np.unique(np.concatenate([stream.stamps for _, stream, _ in blocks]))
+    if len(stamps) < 2:
+        raise InputError(f"{path}: only one sample; a run needs at least 2")
+    channels = tuple(c for c in CHANNELS if any(c in names for names, _, _ in blocks))
+    values = np.full((len(stamps), len(channels)), np.nan)
+    for names, stream, block in blocks:
+        rows = np.searchsorted(stamps, stream.stamps)
+        for channel, column in zip(names, block.T, strict=True):
+            values[rows, channels.index(channel)] = column
+
+    return Run(
+        name=name if name is not None else path.stem if path.is_file() else path.name,
+        file=path,
+        channels=channels,
+        times=_seconds(stamps, stamps[0]),
+        values=values,
+        stamps=stamps,
+        pulses=_pulses(path, streams.get("pulses"), stamps[0]),
+    )
+
+
+def write_bag(
+    path: str | Path,
+    times: ArrayLike,
+    columns: Mapping[str, ArrayLike],
+    *,
+    start: float = 0.0,
+    pulses: Pulses | None = None,
+    frame_id: str = "track",
+    child_frame_id: str = "cradle",
+) -> None:
+    """Write a run as a rosbag2 folder (MCAP) with the topics that the simulator's node publishes under `/inductrack/`.
+
+    times: (n,) s; columns: (n,) each: all eight states, and gaps if there are any; start: s added to every stamp.
+    pose and twist are in the track's axes, the twist of the odometry in the cradle's, as ROS has it.
+    The bag appears complete or not at all. Raises InputError if the path exists or cannot be written, or a state is
+    missing.
+    """
+    path = Path(path)
+    if missing := [c for c in (*COORDINATES, *RATES) if c not in columns]:
+        raise InputError(f"{path}: a bag needs all states; missing: {', '.join(missing)}")
+    table = {name: np.asarray(values, float) for name, values in columns.items()}
+    stamps = _nanoseconds(times) + _nanoseconds(start)
+    if len(stamps) and stamps.min() < 0:
+        raise InputError(f"{path}: times before 0 cannot be ROS stamps; give a later start")
+    if os.path.lexists(path):
+        raise InputError(f"{path}: exists already; choose another name or delete it first")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}; create it first")
+    try:
+        # The file inside bears the folder's name, so the sibling is a folder that holds the bag under its final name.
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as temporary:
+            unfinished = Path(temporary, path.name)
+            with Writer(unfinished, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
+                _write_messages(writer, stamps, table, pulses, start, frame_id, child_frame_id)
+            unfinished.rename(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+# ---------------------------------------------------------------- reading
+
+#: The numbers of a message that are kept.
+_EXTRACT: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    TYPES["pose"]: lambda m: (
+        *_xyz(m.pose.position),
+        m.pose.orientation.x,
+        m.pose.orientation.y,
+        m.pose.orientation.z,
+        m.pose.orientation.w,
+    ),
+    TYPES["twist"]: lambda m: (*_xyz(m.twist.linear), *_xyz(m.twist.angular)),
+    TYPES["imu"]: lambda m: (*_xyz(m.linear_acceleration), m.linear_acceleration_covariance[0]),
+    TYPES["gap_top"]: lambda m: (m.range, m.min_range, m.max_range),
+    TYPES["pulses"]: lambda m: _xyz(m.point),
+}
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+@lru_cache(maxsize=1)
+def _typestore() -> Any:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _read_streams(path: Path, topics: Mapping[str, str | None]) -> dict[str, _Stream]:
+    """Read the wanted topics of a bag; keys of TYPES."""
+    source = _storage(path)
+    try:
+        with Reader(source) as reader:
+            wanted = _choose(path, topics, {c.topic: c.msgtype for c in reader.connections})
+            return {key: stream for key, topic in wanted.items() if (stream := _read_stream(path, reader, key, topic))}
+    except InputError:
+        raise
+    except Exception as error:
+        # A damaged file can fail anywhere in the reader, its decompressors or SQLite, with any exception of theirs.
+        raise InputError(
+            f"{path}: cannot be read as a rosbag2, damaged or cut off ({_one_line(error)}); "
+            "record it again, or try `ros2 bag reindex`"
+        ) from None
+
+
+def _storage(path: Path) -> Path:
+    """The folder, or the file to open where a folder was left without its metadata."""
+    try:
+        if path.is_file():
+            if path.suffix not in (".mcap", ".db3"):
+                raise InputError(f"{path}: not a bag; give a rosbag2 folder, a .mcap or a .db3")
+            return path
+        if not path.is_dir():
+            raise InputError(f"{path}: no such bag")
+        if (path / "metadata.yaml").is_file():
+            return path
+        inside = sorted(p for p in path.iterdir() if p.suffix in (".mcap", ".db3") and p.is_file())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(inside) == 1:
+        return inside[0]
+    if inside:
+        raise InputError(f"{path}: metadata.yaml is missing; rebuild it with `ros2 bag reindex {path}`")
+    raise InputError(f"{path}: not a rosbag2 folder: neither metadata.yaml nor a .mcap or .db3 in it")
+
+
+def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, str]) -> dict[str, str]:
+    """Topic to read for each key, those that are in the bag; `present` is the type of every topic."""
+    prefix = MEASURED if any(topic.startswith(MEASURED) for topic in present) else TRUTH
+    wanted: dict[str, str] = {}
+    for key, msgtype in TYPES.items():
+        asked = topics.get(key)
+        if asked is not None:
+            candidates = [asked if asked.startswith("/") else f"/{asked}"]
+        elif key in topics:  # null: leave it out
+            continue
+        else:
+            candidates = list(PULSE_TOPICS) if key == "pulses" else [prefix + key]
+        found = next((c for c in candidates if c in present), None)
+        if found is None:
+            if asked is not None or key == "pose":
+                held = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(present.items())) or "no topics at all"
+                raise InputError(f"{path}: no topic {candidates[0]} for {key}; {_set(key)}; the bag has {held}")
+            continue
+        if present[found] != msgtype:
+            raise InputError(f"{path}: topic {found} is {present[found]}, but {key} must be {msgtype}; {_set(key)}")
+        wanted[key] = found
+    if "pose" not in wanted:
+        raise InputError(f"{path}: a run needs its pose; {_set('pose')}")
+    return wanted
+
+
+def _read_stream(path: Path, reader: Reader, key: str, topic: str) -> _Stream | None:
+    """All messages of one topic; None where an optional topic is empty."""
+    connections = [c for c in reader.connections if c.topic == topic]
+    extract, deserialize = _EXTRACT[TYPES[key]], _typestore().deserialize_cdr
+    stamps, numbers = array("q"), array("d")
+    for connection, _, raw in reader.messages(connections):
+        message = deserialize(raw, connection.msgtype)
+        stamps.append(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
+        numbers.extend(extract(message))
+    promised = sum(c.msgcount for c in connections)
+    if len(stamps) < promised:
+        counts = f"{len(stamps)} messages where {promised} were recorded"
+        raise InputError(f"{path}: topic {topic}: {counts}; the bag is cut off: record it again")
+    if not stamps:
+        if key == "pose":
+            raise InputError(f"{path}: topic {topic}: no messages; record it again or {_set(key)}")
+        return None
+    stream = _Stream(topic, np.array(stamps), np.array(numbers).reshape(len(stamps), -1))
+    _check_stream(path, key, stream)
+    return stream
+
+
+def _check_stream(path: Path, key: str, stream: _Stream) -> None:
+    where = f"{path}: topic {stream.topic}"
+    if key == "pulses":  # may share a stamp, and may be sent out of order
+        order = np.argsort(stream.stamps, kind="stable")
+        stream.stamps, stream.numbers = stream.stamps[order], stream.numbers[order]
+    else:
+        if len(stream.stamps) > 1 and not stream.stamps.any():
+            raise InputError(f"{where}: every header stamp is 0; fill header.stamp before publishing")
+        backwards = np.flatnonzero(np.diff(stream.stamps) <= 0)
+        if len(backwards):
+            i = int(backwards[0]) + 1
+            what = "repeats the stamp of" if stream.stamps[i] == stream.stamps[i - 1] else "is stamped earlier than"
+            raise InputError(f"{where}: message {i + 1} {what} message {i}; stamps must increase (two publishers?)")
+    if key not in GAPS:  # a Range may say "nothing seen" with inf or NaN (REP-117)
+        broken = ~np.isfinite(stream.numbers).all(axis=1)
+        if broken.any():
+            first = int(np.argmax(broken)) + 1
+            raise InputError(f"{where}: message {first} holds NaN or infinity; publish only what was measured")
+
+
+def _within_range(numbers: Array) -> NDArray[np.bool_]:
+    """(n,) from (range, min_range, max_range) (n, 3): False where a Range says itself that it is no measurement.
+
+    In contact a gap is slightly negative, so a lower limit of 0 is no limit. Both at 0: no range was declared.
+    """
+    value, low, high = numbers.T
+    declared = high > low
+    return np.isfinite(value) & ~(declared & (value > high)) & ~(declared & (low > 0) & (value < low))
+
+
+def _pulses(path: Path, stream: _Stream | None, start: int) -> Pulses | None:
+    if stream is None:
+        return None
+    coils = np.rint(stream.numbers[:, 0])
+    if (np.abs(stream.numbers[:, 0] - coils) > 1e-6).any() or (np.abs(coils) > 2**53).any():
+        raise InputError(f"{path}: topic {stream.topic}: point.x must be a whole coil index")
+    return Pulses(_seconds(stream.stamps, start), coils.astype(np.int64), stream.numbers[:, 1].copy())
+
+
+def _seconds(stamps: NDArray[np.int64], start: int) -> Array:
+    """Seconds after `start`. The difference is taken in ns: a float of today's date resolves only 0.2 µs."""
+    return (stamps - start) / 1e9
+
+
+def _nanoseconds(seconds: ArrayLike) -> NDArray[np.int64]:
+    return np.rint(np.asarray(seconds, float) * 1e9).astype(np.int64)
+
+
+def _set(key: str) -> str:
+    return f"set topics: {{{key}: ...}} in campaign.yaml"
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+# ---------------------------------------------------------------- writing
+
+
+def _write_messages(
+    writer: Writer,
+    stamps: NDArray[np.int64],
+    table: Mapping[str, Array],
+    pulses: Pulses | None,
+    start: float,
+    frame_id: str,
+    child_frame_id: str,
+) -> None:
+    store = _typestore()
+    geometry = {
+        name.rpartition("/")[2]: kind for name, kind in store.types.items() if name.startswith("geometry_msgs/")
+    }
+    point, vector, quaternion = geometry["Point"], geometry["Vector3"], geometry["Quaternion"]
+    no_covariance = np.zeros(36)
+
+    def header(stamp: int, frame: str = frame_id) -> Any:
+        time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 1_000_000_000))
+        return store.types["std_msgs/msg/Header"](time, frame)
+
+    def add(topic: str, msgtype: str) -> Callable[..., None]:
+        """Function that writes a message of this type, given its stamp and its fields."""
+        connection = writer.add_connection(topic, msgtype, typestore=store)
+        kind = store.types[msgtype]
+        return lambda stamp, *fields: writer.write(connection, stamp, store.serialize_cdr(kind(*fields), msgtype))
+
+    write_pose, write_twist = add(TRUTH + "pose", TYPES["pose"]), add(TRUTH + "twist", TYPES["twist"])
+    write_odometry = add(ODOMETRY, "nav_msgs/msg/Odometry")
+    gaps = {gap: add(TRUTH + gap, TYPES[gap]) for gap in GAPS if gap in table}
+
+    coordinates = np.column_stack([table[c] for c in COORDINATES])
+    rates = np.column_stack([table[c] for c in RATES])
+    rows = zip(
+        stamps.tolist(),
+        *(a.tolist() for a in frames.coordinates_to_pose(coordinates)),
+        *(a.tolist() for a in frames.rates_to_twist(rates)),
+        *(a.tolist() for a in frames.rates_to_body_twist(rates, coordinates[:, 3])),
+        strict=True,
+    )
+    for i, (stamp, position, orientation, linear, angular, body_linear, body_angular) in enumerate(rows):
+        head = header(stamp)
+        pose = geometry["Pose"](point(*position), quaternion(*orientation))
+        twist = geometry["Twist"](vector(*linear), vector(*angular))
+        body_twist = geometry["Twist"](vector(*body_linear), vector(*body_angular))
+        write_pose(stamp, head, pose)
+        write_twist(stamp, head, twist)
+        write_odometry(
+            stamp,
+            head,
+            child_frame_id,
+            geometry["PoseWithCovariance"](pose, no_covariance),
+            geometry["TwistWithCovariance"](body_twist, no_covariance),
+        )
+        for gap, write in gaps.items():
+            # Infrared is the nearest kind that the message knows. No limits declared, for a gap in contact is negative.
+            write(stamp, header(stamp, gap), 1, 0.0, 0.0, 0.0, float(table[gap][i]), 0.0)
+    if pulses is not None:
+        write_pulse = add(PULSE_TOPICS[0], TYPES["pulses"])
+        pulse_stamps = (_nanoseconds(pulses.times) + _nanoseconds(start)).clip(0).tolist()
+        for stamp, coil, current in zip(pulse_stamps, pulses.coils, pulses.currents, strict=True):
+            write_pulse(stamp, header(stamp), point(float(coil), float(current), 0.0))

@@ -1,0 +1,73 @@
+"""One measured run, whatever file it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """Drive pulses that were fired, in the order of time.
+
+    times: (p,) start of each half sine, s on the run's clock (the first sample is 0; earlier pulses are negative)
+    coils: (p,) coil index;  currents: (p,) signed peak current, A
+    """
+
+    times: Array
+    coils: NDArray[np.int64]
+    currents: Array
+
+
+@dataclass(frozen=True)
+class Run:
+    """Samples of one run on one time axis; a channel that was not sampled at a time is NaN there.
+
+    name: unique in its campaign; names the output files
+    file: the CSV or the bag
+    channels: (c,) names out of `core.state.CHANNELS`, in that order
+    times: (n,) s, strictly increasing, 0 at the first sample
+    values: (n, c) SI units, NaN where not measured; no column and no time is wholly NaN in a bag, no column in a CSV
+    stamps: (n,) time as the file has it: float seconds (CSV) or whole nanoseconds (bag: a float would lose 0.2 µs)
+    drive_current: A; 0 is coasting
+    initial_state: what is known of the state at time 0, by name; the rest is to be estimated
+    pulses: the drive, where the bag holds the pulses that were fired; None: `drive_current` and the averaged law
+    """
+
+    name: str
+    file: Path
+    channels: tuple[str, ...]
+    times: Array
+    values: Array
+    stamps: Array | NDArray[np.int64]
+    drive_current: float = 0.0
+    initial_state: Mapping[str, float] = field(default_factory=dict)
+    pulses: Pulses | None = None
+
+    def __getitem__(self, channel: str) -> Array:
+        """Column (n,) of a channel, NaN where not measured. KeyError if the run has no such channel."""
+        if channel not in self.channels:
+            raise KeyError(channel)
+        return self.values[:, self.channels.index(channel)]
+
+    def samples(self, channel: str) -> tuple[Array, Array]:
+        """Times and values (m,) at which a channel was measured."""
+        column = self[channel]
+        present = ~np.isnan(column)
+        return self.times[present], column[present]
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """(n, c) True where there is a measurement."""
+        return ~np.isnan(self.values)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(self.times[-1])
