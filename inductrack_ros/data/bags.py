@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import tempfile
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -75,32 +75,32 @@ def read_bag(
     streams = _read_streams(path, topics)
 
     pose = streams["pose"]
-    quaternions = pose.numbers[:, 3:]
-    coordinates = frames.pose_to_coordinates(pose.numbers[:, :3], quaternions)
-    if np.isnan(coordinates).any():
-        raise InputError(f"{path}: topic {pose.topic}: an orientation of all zeros; publish a unit quaternion")
+    largest = np.abs(pose.numbers[:, 3:]).max(axis=1)
+    if ((largest < 0.45) | (largest > 1.1)).any():  # a unit quaternion's largest component is between 0.5 and 1
+        raise InputError(
+            f"{path}: topic {pose.topic}: an orientation that is no unit quaternion; publish w = 1 for none"
+        )
+    coordinates = frames.pose_to_coordinates(pose.numbers[:, :3], pose.numbers[:, 3:])
     # An angle recorded as a quaternion comes back within ±π; the model's does not jump.
     coordinates[:, 3] = np.unwrap(coordinates[:, 3])
 
-    blocks: list[tuple[tuple[str, ...], _Stream, Array]] = [(COORDINATES, pose, coordinates)]
+    blocks: list[tuple[Sequence[str], _Stream, Array]] = [(COORDINATES, pose, coordinates)]
     if twist := streams.get("twist"):
         blocks.append((RATES, twist, frames.twist_to_rates(twist.numbers[:, :3], twist.numbers[:, 3:])))
-    imu = streams.get("imu")
-    if imu and not (imu.numbers[:, 3] == -1).all():  # a covariance that starts with -1 says "not measured"
+    if imu := streams.get("imu"):
         start = pose.stamps[0]
         roll = np.interp(_seconds(imu.stamps, start), _seconds(pose.stamps, start), coordinates[:, 3])
         accelerations = frames.specific_force_to_accelerations(imu.numbers[:, :3], roll, gravity)
         blocks.append((ACCELERATIONS[:3], imu, accelerations))
     for gap in GAPS:
         if stream := streams.get(gap):
-            present = _within_range(stream.numbers)
-            if not present.any():
-                raise InputError(
-                    f"{path}: topic {stream.topic}: no reading within the sensor's range; "
-                    f"leave it out with topics: {{{gap}: null}}"
-                )
-            seen = _Stream(stream.topic, stream.stamps[present], stream.numbers[present])
-            blocks.append(((gap,), seen, seen.numbers[:, :1]))
+            blocks.append(((gap,), stream, stream.numbers[:, :1]))
+    for _, stream, _ in blocks:
+        if stream.stamps[0] > pose.stamps[-1] or stream.stamps[-1] < pose.stamps[0]:
+            raise InputError(
+                f"{path}: topic {stream.topic} is stamped at other times than {pose.topic}; "
+                "stamp both with one clock (use_sim_time?)"
+            )
 
     stamps = np.unique(np.concatenate([stream.stamps for _, stream, _ in blocks]))
     if len(stamps) < 2:
@@ -174,7 +174,7 @@ _EXTRACT: dict[str, Callable[[Any], tuple[float, ...]]] = {
         m.pose.orientation.w,
     ),
     TYPES["twist"]: lambda m: (*_xyz(m.twist.linear), *_xyz(m.twist.angular)),
-    TYPES["imu"]: lambda m: (*_xyz(m.linear_acceleration), m.linear_acceleration_covariance[0]),
+    TYPES["imu"]: lambda m: (*_xyz(m.linear_acceleration), float(m.linear_acceleration_covariance[0] == -1)),
     TYPES["gap_top"]: lambda m: (m.range, m.min_range, m.max_range),
     TYPES["pulses"]: lambda m: _xyz(m.point),
 }
@@ -193,9 +193,16 @@ def _read_streams(path: Path, topics: Mapping[str, str | None]) -> dict[str, _St
     """Read the wanted topics of a bag; keys of TYPES."""
     source = _storage(path)
     try:
+        for file in source.glob("*.db3") if source.is_dir() else [source]:
+            _check_length(file)
         with Reader(source) as reader:
             wanted = _choose(path, topics, {c.topic: c.msgtype for c in reader.connections})
-            return {key: stream for key, topic in wanted.items() if (stream := _read_stream(path, reader, key, topic))}
+            recorded = _read_messages(path, reader, set(wanted.values()))
+            return {
+                key: _checked(path, key, recorded[topic])
+                for key, topic in wanted.items()
+                if len(recorded[topic].stamps) or key == "pose"
+            }
     except InputError:
         raise
     except Exception as error:
@@ -227,6 +234,16 @@ def _storage(path: Path) -> Path:
     raise InputError(f"{path}: not a rosbag2 folder: neither metadata.yaml nor a .mcap or .db3 in it")
 
 
+def _check_length(file: Path) -> None:
+    """SQLite reads the missing end of a file as zeros; its header says how many pages there should be."""
+    with file.open("rb") as stream:
+        head = stream.read(32)
+    if len(head) == 32 and head.startswith(b"SQLite format 3\0"):
+        page_size, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+        if file.stat().st_size < pages * (page_size if page_size > 1 else 65536):
+            raise EOFError("its end is missing")
+
+
 def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, str]) -> dict[str, str]:
     """Topic to read for each key, those that are in the bag; `present` is the type of every topic."""
     prefix = MEASURED if any(topic.startswith(MEASURED) for topic in present) else TRUTH
@@ -253,52 +270,69 @@ def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, 
     return wanted
 
 
-def _read_stream(path: Path, reader: Reader, key: str, topic: str) -> _Stream | None:
-    """All messages of one topic; None where an optional topic is empty."""
-    connections = [c for c in reader.connections if c.topic == topic]
-    extract, deserialize = _EXTRACT[TYPES[key]], _typestore().deserialize_cdr
-    stamps, numbers = array("q"), array("d")
+def _read_messages(path: Path, reader: Reader, topics: set[str]) -> dict[str, _Stream]:
+    """Read the topics in one pass over the bag."""
+    connections = [c for c in reader.connections if c.topic in topics]
+    deserialize = _typestore().deserialize_cdr
+    stamps = {topic: array("q") for topic in topics}
+    numbers = {topic: array("d") for topic in topics}
     for connection, _, raw in reader.messages(connections):
         message = deserialize(raw, connection.msgtype)
-        stamps.append(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
-        numbers.extend(extract(message))
-    promised = sum(c.msgcount for c in connections)
-    if len(stamps) < promised:
-        counts = f"{len(stamps)} messages where {promised} were recorded"
-        raise InputError(f"{path}: topic {topic}: {counts}; the bag is cut off: record it again")
-    if not stamps:
-        if key == "pose":
-            raise InputError(f"{path}: topic {topic}: no messages; record it again or {_set(key)}")
-        return None
-    stream = _Stream(topic, np.array(stamps), np.array(numbers).reshape(len(stamps), -1))
-    _check_stream(path, key, stream)
-    return stream
+        stamps[connection.topic].append(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
+        numbers[connection.topic].extend(_EXTRACT[connection.msgtype](message))
+    for topic in sorted(topics):
+        promised = sum(c.msgcount for c in connections if c.topic == topic)
+        if len(stamps[topic]) < promised:
+            counts = f"{len(stamps[topic])} messages where {promised} were recorded"
+            raise InputError(f"{path}: topic {topic}: {counts}; the bag is cut off: record it again")
+    return {
+        topic: _Stream(topic, np.array(stamps[topic]), np.array(numbers[topic]).reshape(max(len(stamps[topic]), 1), -1))
+        for topic in topics
+    }
 
 
-def _check_stream(path: Path, key: str, stream: _Stream) -> None:
+def _checked(path: Path, key: str, stream: _Stream) -> _Stream:
+    """The stream's measurements in the order of their stamps."""
     where = f"{path}: topic {stream.topic}"
-    if key == "pulses":  # may share a stamp, and may be sent out of order
-        order = np.argsort(stream.stamps, kind="stable")
-        stream.stamps, stream.numbers = stream.stamps[order], stream.numbers[order]
+    stamps, numbers = stream.stamps, stream.numbers
+    if not len(stamps):
+        raise InputError(f"{where}: no messages; record it again or {_set(key)}")
+    if key == "pulses":  # two may share a stamp, and a command may be sent before an earlier one
+        order = np.argsort(stamps, kind="stable")
+        stamps, numbers = stamps[order], numbers[order]
     else:
-        if len(stream.stamps) > 1 and not stream.stamps.any():
+        if len(stamps) > 1 and not stamps.any():
             raise InputError(f"{where}: every header stamp is 0; fill header.stamp before publishing")
-        backwards = np.flatnonzero(np.diff(stream.stamps) <= 0)
+        # A simulator that stands still says the same again and again.
+        new = np.append(True, (np.diff(stamps) != 0) | (numbers[1:] != numbers[:-1]).any(axis=1))
+        backwards = np.flatnonzero((np.diff(stamps) <= 0) & new[1:])
         if len(backwards):
             i = int(backwards[0]) + 1
-            what = "repeats the stamp of" if stream.stamps[i] == stream.stamps[i - 1] else "is stamped earlier than"
-            raise InputError(f"{where}: message {i + 1} {what} message {i}; stamps must increase (two publishers?)")
-    if key not in GAPS:  # a Range may say "nothing seen" with inf or NaN (REP-117)
-        broken = ~np.isfinite(stream.numbers).all(axis=1)
-        if broken.any():
-            first = int(np.argmax(broken)) + 1
-            raise InputError(f"{where}: message {first} holds NaN or infinity; publish only what was measured")
+            what = "repeats the stamp of" if stamps[i] == stamps[i - 1] else "is stamped earlier than"
+            raise InputError(
+                f"{where}: message {i + 1} {what} message {i}; stamps must increase: one publisher, one run to a bag"
+            )
+        stamps, numbers = stamps[new], numbers[new]
+    if key == "imu" or key in GAPS:
+        present = _within_range(numbers) if key in GAPS else numbers[:, 3] == 0
+        stamps, numbers = stamps[present], numbers[present]
+        if not len(stamps):
+            raise InputError(
+                f"{where}: every message says that it is no measurement (out of the sensor's range, or a covariance "
+                f"of -1); leave the topic out with topics: {{{key}: null}}"
+            )
+    broken = ~np.isfinite(numbers[:, :1] if key in GAPS else numbers).all(axis=1)
+    if broken.any():
+        first = int(np.argmax(broken))
+        raise InputError(f"{where}: NaN or infinity {(stamps[first] - stamps[0]) / 1e9} s after the first message")
+    return _Stream(stream.topic, stamps, numbers)
 
 
 def _within_range(numbers: Array) -> NDArray[np.bool_]:
     """(n,) from (range, min_range, max_range) (n, 3): False where a Range says itself that it is no measurement.
 
-    In contact a gap is slightly negative, so a lower limit of 0 is no limit. Both at 0: no range was declared.
+    REP-117: not finite is nothing seen. In contact a gap is slightly negative, so a lower limit of 0 is no limit.
+    Both limits at 0: no range was declared.
     """
     value, low, high = numbers.T
     declared = high > low

@@ -106,7 +106,7 @@ def _split_header(file: Path, text: str) -> tuple[list[str], str]:
     first, _, body = text.partition("\n")
     where = f"{file}, row 1"
     try:
-        header = [name.strip() for name in next(csv.reader([first]), [])]
+        header = [name.strip() for name in next(csv.reader([first], skipinitialspace=True), [])]
     except csv.Error as error:
         raise InputError(f"{where}: {error}") from None
     if len(header) == 1 and re.search(r"[;\t]", first):
@@ -145,7 +145,7 @@ def _parse(file: Path, header: list[str], body: str) -> Array:
 def _rows(file: Path, header: list[str], body: str) -> Iterator[tuple[int, list[float]]]:
     """Yield (row number as an editor shows it, floats); raise InputError at the first bad cell. Slow and exact."""
     last = body.rstrip("\n").count("\n") + 2
-    reader = csv.reader(io.StringIO(body))
+    reader = csv.reader(io.StringIO(body), skipinitialspace=True)
     try:
         for cells in reader:
             line = reader.line_num + 1
