@@ -1,0 +1,152 @@
+"""A rosbag2 folder that can be read at every moment of its recording, even after ``kill -9``.
+
+An MCAP file is readable only once its footer is written. So messages are held for up to a second and then written as
+one complete file more, after which ``metadata.yaml``, which names the files, is replaced in one step.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from ..core.errors import InputError
+
+VERSION = 9  # of the metadata: Jazzy's
+
+_METADATA = """\
+rosbag2_bagfile_information:
+  version: {version}
+  storage_identifier: mcap
+  duration:
+    nanoseconds: {duration}
+  starting_time:
+    nanoseconds_since_epoch: {start}
+  message_count: {count}
+  topics_with_message_count:{topics}
+  compression_format: ""
+  compression_mode: ""
+  relative_file_paths:{paths}
+  files:{files}
+  custom_data: ~
+  ros_distro: rosbags
+"""
+
+_TOPIC = """
+    - topic_metadata:
+        name: {name}
+        type: {type}
+        serialization_format: cdr
+        offered_qos_profiles:
+          - {{history: unknown, depth: 0, reliability: {reliability}, durability: {durability}, \
+deadline: {{sec: 9223372036, nsec: 854775807}}, lifespan: {{sec: 9223372036, nsec: 854775807}}, \
+liveliness: automatic, liveliness_lease_duration: {{sec: 9223372036, nsec: 854775807}}, \
+avoid_ros_namespace_conventions: false}}
+        type_description_hash: {hash}
+      message_count: {count}"""
+
+_FILE = """
+    - path: {path}
+      starting_time:
+        nanoseconds_since_epoch: {start}
+      duration:
+        nanoseconds: {duration}
+      message_count: {count}"""
+
+
+@dataclass
+class _Topic:
+    type: str
+    definition: str
+    hash: str
+    qos: Qos
+    count: int = 0
+    pending: list[tuple[int, bytes]] = field(default_factory=list)
+
+
+class SegmentedBag:
+    """Writes serialized messages; `flush` makes everything so far safe. Never overwrites an existing bag."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        if self.path.exists():
+            raise InputError(f"{self.path} exists already; give another --output or move it away")
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._topics: dict[str, _Topic] = {}
+        self._files: list[tuple[str, int, int, int]] = []  # name, first and last time, messages
+        self.path.mkdir(parents=True)
+        self._write_metadata()
+
+    @property
+    def message_count(self) -> int:
+        return sum(t.count for t in self._topics.values())
+
+    def add_topic(self, name: str, type_name: str, reliable: bool = True, latched: bool = False) -> None:
+        """Prepare for a topic; raises `InputError` for a message type whose definition is not known."""
+        if type_name not in self._types.fielddefs:
+            raise InputError(f"{name}: the definition of {type_name} is not known, so it cannot be recorded")
+        definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
+        forever = QosTime(9223372036, 854775807)
+        qos = Qos(
+            QosHistory.UNKNOWN, 0,
+            QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+            QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+            forever, forever, QosLiveliness.AUTOMATIC, forever, False,
+        )  # fmt: skip
+        self._topics[name] = _Topic(type_name, definition, self._types.hash_rihs01(type_name), qos)
+
+    def write(self, topic: str, time_ns: int, data: bytes) -> None:
+        """Hold one serialized message until the next `flush`."""
+        self._topics[topic].pending.append((time_ns, data))
+
+    def flush(self) -> None:
+        """Write what is held as one more complete file, then name it in the metadata."""
+        waiting = {name: topic for name, topic in self._topics.items() if topic.pending}
+        if not waiting:
+            return
+        part = self.path / ".part"
+        with Writer(part, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
+            for name, topic in waiting.items():
+                connection = writer.add_connection(
+                    name, topic.type, msgdef=topic.definition, rihs01=topic.hash, offered_qos_profiles=[topic.qos]
+                )
+                for time_ns, data in topic.pending:
+                    writer.write(connection, time_ns, data)
+        times = [time_ns for topic in waiting.values() for time_ns, _ in topic.pending]
+        name = f"{self.path.name}_{len(self._files)}.mcap"
+        (part / ".part.mcap").rename(self.path / name)
+        shutil.rmtree(part)
+        self._files.append((name, min(times), max(times), len(times)))
+        for topic in waiting.values():
+            topic.count += len(topic.pending)
+            topic.pending.clear()
+        self._write_metadata()
+
+    def close(self) -> None:
+        self.flush()
+
+    def _write_metadata(self) -> None:
+        start = min((first for _, first, _, _ in self._files), default=0)
+        end = max((last for _, _, last, _ in self._files), default=0)
+        topics = "".join(
+            _TOPIC.format(
+                name=name, type=t.type, hash=t.hash, count=t.count,
+                reliability=t.qos.reliability.name.lower(), durability=t.qos.durability.name.lower(),
+            )
+            for name, t in self._topics.items()
+        )  # fmt: skip
+        files = "".join(
+            _FILE.format(path=name, start=first, duration=last - first, count=count)
+            for name, first, last, count in self._files
+        )
+        text = _METADATA.format(
+            version=VERSION, duration=end - start, start=start, count=self.message_count,
+            topics=topics or " []", paths="".join(f"\n    - {n}" for n, *_ in self._files) or " []", files=files or " []",
+        )  # fmt: skip
+        new = self.path / "metadata.yaml.new"
+        new.write_text(text, encoding="utf8")
+        new.replace(self.path / "metadata.yaml")

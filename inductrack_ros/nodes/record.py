@@ -1,0 +1,130 @@
+"""`record`: what `ros2 bag record` does, for machines without a ROS 2 distribution."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from datetime import datetime
+from functools import partial
+from importlib import import_module
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+
+from ..core.errors import InputError
+from .bag import SegmentedBag
+from .runtime import NAMESPACE, run
+
+QUEUE_DEPTH = 20000  # messages a topic may bring while one second is being written
+FLUSH_PERIOD = 0.5  # s; what `kill -9` can cost, with the second of grace the promise gives
+LOOK_PERIOD = 0.2  # s between looks for new topics
+
+
+class Recorder(Node):
+    """Subscribes without deserializing and hands the bytes to a `SegmentedBag`."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        super().__init__("record")
+        self._options = options
+        self._bag = SegmentedBag(options.output)
+        self._skipped: set[str] = set()
+        self._end: float | None = None
+        self._subscriptions_by_topic: dict[str, object] = {}
+        self.finished = False
+        self._look_for_topics()
+        self.create_timer(LOOK_PERIOD, self._look_for_topics)
+        self.create_timer(FLUSH_PERIOD, self._flush)
+        self.get_logger().info(f"recording into {options.output}; Ctrl-C ends it")
+
+    def _wanted(self, topic: str) -> bool:
+        if self._options.all:
+            return True
+        if self._options.topics:
+            return topic in self._options.topics
+        inside = topic.startswith(f"/{NAMESPACE}/") and f"/{NAMESPACE}/lockstep/" not in topic
+        return inside or topic == "/clock"
+
+    def _look_for_topics(self) -> None:
+        for topic, types in self.get_topic_names_and_types():
+            if topic in self._subscriptions_by_topic or topic in self._skipped or not self._wanted(topic):
+                continue
+            offers = self.get_publishers_info_by_topic(topic)
+            if not offers:
+                continue  # only subscribers so far
+            try:
+                self._subscribe(topic, types[0], offers)
+            except (InputError, ImportError, AttributeError, ValueError) as error:
+                self._skipped.add(topic)
+                self.get_logger().warning(f"{topic} is not recorded: {error}")
+
+    def _subscribe(self, topic: str, type_name: str, offers: list) -> None:
+        reliable = all(o.qos_profile.reliability == ReliabilityPolicy.RELIABLE for o in offers)
+        latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
+        self._bag.add_topic(topic, type_name, reliable, latched)
+        qos = QoSProfile(
+            depth=QUEUE_DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        callback = partial(self._keep_at_header_stamp if self._options.stamp == "header" else self._keep, topic)
+        self._subscriptions_by_topic[topic] = self.create_subscription(
+            message_class(type_name), topic, callback, qos, raw=True
+        )
+
+    def _keep(self, topic: str, data: bytes) -> None:
+        self._bag.write(topic, time.time_ns(), data)
+
+    def _keep_at_header_stamp(self, topic: str, data: bytes) -> None:
+        self._bag.write(topic, stamp_ns(data), data)
+
+    def _flush(self) -> None:
+        self._bag.flush()
+        if self._options.duration is None or not self._bag.message_count:
+            return
+        if self._end is None:
+            self._end = time.monotonic() + self._options.duration
+        self.finished = time.monotonic() >= self._end
+
+    def close(self) -> None:
+        self._bag.close()
+        topics = len(self._subscriptions_by_topic)
+        print(f"{self._bag.message_count} messages on {topics} topics in {self._bag.path}")
+
+
+def stamp_ns(data: bytes) -> int:
+    """Time (ns) at the start of a serialized message whose first field is a Header or a Time."""
+    order = "little" if data[1] & 1 else "big"
+    return int.from_bytes(data[4:8], order, signed=True) * 10**9 + int.from_bytes(data[8:12], order)
+
+
+def message_class(type_name: str) -> type:
+    """`geometry_msgs/msg/PoseStamped` → its class (rosidl_runtime_py does this, but is not among the wheels)."""
+    package, folder, name = type_name.split("/")
+    return getattr(import_module(f"{package}.{folder}"), name)
+
+
+def parse(args: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="record", description=__doc__)
+    parser.add_argument("topics", nargs="*", help=f"full topic names; default: all under /{NAMESPACE}, and /clock")
+    parser.add_argument("-a", "--all", action="store_true", help="record every topic there is")
+    parser.add_argument("-o", "--output", help="folder of the bag; default: rosbag2_<date and time>")
+    parser.add_argument("-d", "--duration", type=float, help="end so many seconds after the first message")
+    parser.add_argument(
+        "--stamp", choices=["receive", "header"], default="receive",
+        help="time a message is filed under: its arrival, or its own header stamp (stamped topics only), "
+        "so that repeated lockstep runs give the same bag",
+    )  # fmt: skip
+    options = parser.parse_args(args)
+    options.output = options.output or datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+    return options
+
+
+def main(args: list[str] | None = None) -> int:
+    options = parse(remove_ros_args(args if args is not None else sys.argv)[1:])
+    return run(lambda: Recorder(options), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,56 @@
+"""How every node of this package is started and stopped."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from ..core.errors import InputError
+
+NAMESPACE = "inductrack"  # of every node, unless `--ros-args -r __ns:=/other` says otherwise
+
+
+class _Stop:
+    """Set by the first SIGINT or SIGTERM; later ones change nothing (a launched node gets Ctrl-C twice)."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, *_: object) -> None:
+        self.asked = True
+
+
+def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+    """Spin the node until Ctrl-C, SIGTERM or its attribute ``finished``; close it; return the exit status.
+
+    One thread and `spin_once`: in the PyPI wheels the multi-threaded executor starves a 1 kHz timer.
+    """
+    stop = _Stop()
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    node = None
+    try:
+        node = make_node()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not stop.asked and not getattr(node, "finished", False):
+            executor.spin_once(timeout_sec=0.1)
+        executor.remove_node(node)
+        return int(getattr(node, "exit_status", 0))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    finally:
+        if node is not None:
+            close = getattr(node, "close", None)
+            if close:
+                close()
+            node.destroy_node()
+        rclpy.try_shutdown()
