@@ -1,0 +1,216 @@
+"""Least squares over all runs: global parameters and each run's initial state, by Levenberg–Marquardt.
+
+The normal equations have an arrow's shape (each run's initial state meets only its own samples), so the initial states are
+eliminated run by run (Schur complement) and the step costs next to nothing beside the simulations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .problem import STATE_PRIOR, Linearisation, Problem
+from .structure import Structure
+
+#: Prior of a free parameter about its start, in typical sizes: only keeps what the data say nothing about where it is.
+THETA_PRIOR = 300.0
+#: A parameter whose standard deviation stays above this part of its prior is one the data cannot determine.
+UNDETERMINED = 0.3
+#: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
+UNPREDICTED = 1.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted structure: theta (g,), initial states (8,) a run, χ² of all samples, covariance of theta (g, g)."""
+
+    structure: Structure
+    theta: np.ndarray
+    states: tuple[np.ndarray, ...]
+    chi2: float
+    covariance: np.ndarray
+    linear: tuple[Linearisation, ...]
+    converged: bool
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted parameters by full name."""
+        return self.structure.decode(self.theta)
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Their standard deviations."""
+        return self.structure.spread(self.theta, np.sqrt(np.diag(self.covariance)))
+
+    @cached_property
+    def model(self):
+        """The model with the fitted parameters."""
+        return self.structure.with_theta(self.theta)
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Free parameters that the data say nothing about."""
+        wide = np.sqrt(np.diag(self.covariance)) > UNDETERMINED * THETA_PRIOR
+        return tuple(n for n, w in zip(self.structure.free, wide, strict=True) if w)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples compared."""
+        return sum(len(part.residual) for part in self.linear)
+
+    @property
+    def reduced_chi2(self) -> float:
+        """χ² over degrees of freedom."""
+        used = len(self.theta) + sum(len(part.free_states) for part in self.linear)
+        return self.chi2 / max(self.samples - used, 1)
+
+
+def chi_square(residuals: Sequence[np.ndarray]) -> float:
+    """χ² of residuals over noise; samples that cannot be predicted count their expectation, diverged runs infinity."""
+    total = 0.0
+    for r in residuals:
+        missing = np.isnan(r)
+        if missing.mean() > 0.2:
+            return np.inf
+        total += float(r[~missing] @ r[~missing]) + UNPREDICTED * int(missing.sum())
+    return total
+
+
+def _within(problem: Problem, residuals: list[np.ndarray], until: float) -> list[np.ndarray]:
+    return [r[d.time <= until] for r, d in zip(residuals, problem.runs, strict=True)]
+
+
+def fit(
+    problem: Problem,
+    structure: Structure,
+    states: Sequence[np.ndarray] | None = None,
+    theta: np.ndarray | None = None,
+    iterations: int = 30,
+    until: float = np.inf,
+    tolerance: float = 0.02,
+) -> Fit:
+    """Fit a structure's free parameters and every run's free initial states.
+
+    Starts from ``theta`` and ``states`` where given (else the structure's own values and the first guess). Stops after
+    ``iterations`` or when a step would gain less than ``tolerance`` in χ².
+    """
+    theta = structure.start.copy() if theta is None else np.array(theta, float)
+    low, high = structure.bounds
+    theta = np.clip(theta, low, high)
+    centre = structure.start.copy()
+    states = [np.array(s if s is not None else d.guess) for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)]
+
+    def penalty(th: np.ndarray, xs: Sequence[np.ndarray]) -> float:
+        total = float(np.sum(((th - centre) / THETA_PRIOR) ** 2))
+        for x, d in zip(xs, problem.runs, strict=True):
+            f = d.free_states
+            total += float(np.sum(((x - d.guess)[f] / STATE_PRIOR[f]) ** 2))
+        return total
+
+    def cost(th: np.ndarray, xs: Sequence[np.ndarray]) -> float:
+        return chi_square(_within(problem, problem.residuals(structure, th, xs, until), until)) + penalty(th, xs)
+
+    damping, current, converged = 1e-3, cost(theta, states), False
+    linear = problem.linearise(structure, theta, states, until)
+    for _ in range(iterations):
+        accepted = False
+        for _ in range(8):
+            step, local, gain = _solve(problem, linear, theta, centre, states, damping, until, low, high)
+            if gain < tolerance:
+                converged = True
+                break
+            new_theta = np.clip(theta + step, low, high)
+            new_states = [x + dx for x, dx in zip(states, local, strict=True)]
+            trial = cost(new_theta, new_states)
+            if trial < current:
+                accepted = True
+                good = (current - trial) / gain
+                damping = max(damping * (0.1 if good > 0.5 else 0.5), 1e-9)
+                break
+            damping *= 10.0
+        if converged or not accepted:
+            converged = converged or np.isfinite(current)
+            break
+        small = current - trial < tolerance
+        theta, states, current = new_theta, new_states, trial
+        linear = problem.linearise(structure, theta, states, until)
+        if small:
+            converged = True
+            break
+    residuals = _within(problem, [part.residual for part in linear], until)
+    return Fit(structure, theta, tuple(states), chi_square(residuals), _covariance(problem, linear, until), tuple(linear), converged)
+
+
+def _blocks(data, part: Linearisation, until: float):
+    """Finite rows of one run: residual, derivatives by theta and by the free states."""
+    rows = (data.time <= until) & np.isfinite(part.residual) & np.isfinite(part.by_theta).all(axis=1) & np.isfinite(part.by_state).all(axis=1)
+    return part.residual[rows], part.by_theta[rows], part.by_state[rows]
+
+
+def _solve(problem, linear, theta, centre, states, damping, until, low, high):
+    """Damped step of theta and of each run's states, and the fall in cost it promises."""
+    g = len(theta)
+    prior = np.full(g, THETA_PRIOR**-2)
+    A = np.diag(prior)
+    b = prior * (centre - theta)
+    runs = []
+    for data, part, x in zip(problem.runs, linear, states, strict=True):
+        r, G, X = _blocks(data, part, until)
+        f = part.free_states
+        weight = STATE_PRIOR[f] ** -2.0
+        C = X.T @ X + np.diag(weight)
+        d = X.T @ r + weight * (data.guess - x)[f]
+        runs.append((C, G.T @ X, d, f))
+        A += G.T @ G
+        b += G.T @ r
+    held = np.zeros(g, bool)
+    for _ in range(g + 1):  # parameters that would leave their range are held at its edge
+        S, s = A + damping * np.diag(np.diag(A)), b.copy()
+        solved = []
+        for C, B, d, f in runs:
+            Cd = C + damping * np.diag(np.diag(C))
+            inverse = np.linalg.solve(Cd, np.column_stack([B.T, d]))
+            solved.append(inverse)
+            S = S - B @ inverse[:, :g]
+            s = s - B @ inverse[:, g]
+        free = ~held
+        step = np.zeros(g)
+        if free.any():
+            step[free] = np.linalg.lstsq(S[np.ix_(free, free)], s[free], rcond=1e-13)[0]
+        out = ((theta + step < low) & (theta <= low + 1e-12)) | ((theta + step > high) & (theta >= high - 1e-12))
+        if not (out & free).any():
+            break
+        held |= out
+    local, gain = [], 2.0 * b @ step - step @ A @ step
+    for (C, B, d, f), inverse in zip(runs, solved, strict=True):
+        dx = inverse[:, g] - inverse[:, :g] @ step
+        gain += 2.0 * d @ dx - dx @ C @ dx - 2.0 * step @ B @ dx
+        full = np.zeros(8)
+        full[f] = dx
+        local.append(full)
+    return step, local, gain
+
+
+def _covariance(problem, linear, until) -> np.ndarray:
+    """Covariance of theta with the initial states estimated beside it."""
+    g = linear[0].by_theta.shape[1] if linear else 0
+    A = np.diag(np.full(g, THETA_PRIOR**-2))
+    for data, part in zip(problem.runs, linear, strict=True):
+        _, G, X = _blocks(data, part, until)
+        C = X.T @ X + np.diag(STATE_PRIOR[part.free_states] ** -2.0)
+        A += G.T @ G - (G.T @ X) @ np.linalg.solve(C, X.T @ G)
+    return np.linalg.pinv(A, rcond=1e-15, hermitian=True) if g else np.zeros((0, 0))
+
+
+def fit_from_scratch(problem: Problem, structure: Structure, horizons: Sequence[float] = (0.15, 0.4, 0.8)) -> Fit:
+    """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability."""
+    longest = max(d.grid[-1] for d in problem.runs)
+    states, theta = None, None
+    for horizon in [h for h in horizons if h < 0.8 * longest]:
+        step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0)
+        if np.isfinite(step.chi2):
+            states, theta = step.states, step.theta
+    return fit(problem, structure, states, theta)

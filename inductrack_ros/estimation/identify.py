@@ -1,0 +1,421 @@
+"""Which parameters a handful of measurements fix, and how well: the identification (28) of the paper, with its errors.
+
+The paper's measurements are travel distances: the cradle is shot off at a known speed and one notes how far it got.
+Everything here works on a misfit, a function from parameter values to residuals, so distances, time series or both
+are fitted by the same lines: by least squares and by Nelder–Mead (the paper's method), which must agree.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+from scipy.interpolate import PchipInterpolator
+
+from ..core.errors import InputError, did_you_mean
+from ..core.model import Model
+from ..core.parameters import PARAMETERS, Parameter
+
+Array = NDArray[np.float64]
+
+DURATION = 2.0  # s, the time Figure 6 of the paper counts travel over
+LEVEL = 0.95  # of every interval stated here
+#: Past this relative half width of an interval, or without an end to it, the answer is called a flat valley.
+FLAT = 0.25
+COLUMNS = ("initial_speed", "travel", "duration", "drive_current", "std")
+
+
+# ---------------------------------------------------------------- travel distances
+
+
+@dataclass(frozen=True)
+class Travels:
+    """Distances (m) covered in ``duration`` (s) after a start at ``initial_speed`` (m/s) on the equilibrium heave; all (n,).
+
+    ``drive_current`` (A) and ``std`` (m, the distance's standard deviation) are NaN where unknown.
+    """
+
+    initial_speed: Array
+    travel: Array
+    duration: Array
+    drive_current: Array
+    std: Array
+
+    @classmethod
+    def of(cls, initial_speed, travel, duration=DURATION, drive_current=math.nan, std=math.nan) -> Travels:
+        """From numbers or sequences, each spread to the length of ``initial_speed``."""
+        n = len(initial_speed)
+        columns = (initial_speed, travel, duration, drive_current, std)
+        return cls(*(np.array(np.broadcast_to(np.asarray(c, float), (n,))) for c in columns))
+
+
+def read_travels(file: str | Path, duration: float = DURATION, std: float = math.nan) -> Travels:
+    """Read a CSV of pairs ``initial_speed,travel`` (m/s, m), with further columns of `COLUMNS` if wanted.
+
+    ``duration`` and ``std`` serve where the file has no such column. Raises `InputError` naming file and row.
+    """
+    file = Path(file)
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
+    rows = [(i, cells) for i, cells in enumerate(csv.reader(lines), start=1) if any(c.strip() for c in cells)]
+    header = [c.strip() for c in rows[0][1]] if rows else []
+    for name in header:
+        if name not in COLUMNS:
+            raise InputError(f"{file}, row 1: unknown column '{name[:40]}'{did_you_mean(name, COLUMNS)}")
+    for name in COLUMNS[:2]:
+        if header.count(name) != 1:
+            raise InputError(f"{file}, row 1: needs one column '{name}'; the header is initial_speed,travel, both in SI units")
+    table: dict[str, list[float]] = {name: [] for name in header}
+    for line, cells in rows[1:]:
+        if len(cells) != len(header):
+            raise InputError(f"{file}, row {line}: {len(cells)} cells where the header names {len(header)}; complete the row or delete it")
+        for name, cell in zip(header, cells, strict=True):
+            table[name].append(_cell(file, line, name, cell))
+    if len(rows) < 2:
+        raise InputError(f"{file}: no row of data under the header; add one initial speed and distance per row")
+    speeds = table.pop("initial_speed")
+    return Travels.of(speeds, **{"duration": duration, "std": std, **table})
+
+
+def _cell(file: Path, line: int, name: str, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    positive = name in ("initial_speed", "duration", "std")
+    if not math.isfinite(value) or (positive and value <= 0):
+        raise InputError(f"{file}, row {line}, column '{name}': {cell.strip()[:40]!r} is not a {'positive ' if positive else ''}number")
+    return value
+
+
+class TravelMisfit:
+    """Residuals of travel distances as a function of the free parameters' values.
+
+    ``std`` is the distances' standard deviation where the data state one; where they do not, residuals are in metres and the fit
+    estimates their common size.
+    """
+
+    def __init__(self, model: Model, free: Sequence[str], travels: Travels):
+        self.model, self.free, self.travels = model, tuple(free), travels
+        self.declared = declarations(model, self.free)
+        self.noise_known = bool(np.isfinite(travels.std).all())
+        if np.isfinite(travels.std).any() and not self.noise_known:
+            raise InputError("travel distances: std is given for some rows only; give it for all or for none")
+        self._scale = travels.std if self.noise_known else np.ones(len(travels.travel))
+        self._column = [model.kernel.parameters.index(name) for name in self.free]
+        self._shared = {name: getattr(model, name) for name in ("known_effects", "kernel", "switches", "moving")}
+
+    def at(self, values: Sequence[float]) -> Model:
+        """The model with the free parameters at ``values``; it shares the compiled kernel, for thousands of these are made."""
+        vector = self.model.vector.copy()
+        vector[self._column] = values
+        trial = replace(self.model)
+        trial.__dict__.update(self._shared, vector=vector)
+        return trial
+
+    def predict(self, values: Sequence[float]) -> Array:
+        """Distances (n,) in m."""
+        trial, t = self.at(values), self.travels
+        out = np.empty(len(t.travel))
+        for i, (speed, duration, current) in enumerate(zip(t.initial_speed, t.duration, t.drive_current, strict=True)):
+            start = trial.initial_state(surge_rate=speed)
+            run = trial.simulate(np.array([0.0, duration]), start, None if math.isnan(current) else current)
+            out[i] = run["surge"][-1]
+        return out
+
+    def __call__(self, values: Sequence[float]) -> Array:
+        """Residuals (n,), measured − predicted, over their standard deviation where that is known."""
+        return (self.travels.travel - self.predict(values)) / self._scale
+
+
+def declarations(model: Model, free: Sequence[str]) -> list[Parameter]:
+    """The declaration of each free parameter (``eta``, ``aerodynamic_drag.drag_area``). Raises `InputError` for an unknown one."""
+    known: dict[str, Parameter] = dict(PARAMETERS)
+    for name in model.effects:
+        item = model.known_effects[name.split(":")[0]]
+        if not item.of_channel:
+            known |= {f"{name}.{p}": declared for p, declared in item.parameters.items()}
+    for name in free:
+        if name not in known:
+            raise InputError(f"cannot fit '{name}'{did_you_mean(name, known)}")
+    if len(set(free)) != len(free) or not free:
+        raise InputError("free parameters: name each once, and at least one")
+    return [known[name] for name in free]
+
+
+# ---------------------------------------------------------------- fitting
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Best values of the free parameters (p,), and what the data say about them.
+
+    ``misfit`` is the sum of squared residuals; ``covariance`` (p, p) is that of the linearised problem at the best values; ``noise`` multiplies
+    the residuals' unit (1 where the noise was known). ``nelder_mead`` (p,) is the paper's method's answer to the same question.
+    """
+
+    free: tuple[str, ...]
+    values: Array
+    covariance: Array
+    misfit: float
+    noise: float
+    degrees: int
+    noise_known: bool
+    residuals: Array
+    start: Array
+    nelder_mead: Array | None = None
+    evaluations: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def std(self) -> Array:
+        """Standard errors (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation matrix (p, p)."""
+        return self.covariance / np.outer(self.std, self.std)
+
+    @property
+    def threshold(self) -> float:
+        """By how much the misfit may rise inside the 95 % interval of one parameter (χ², or F where the noise was estimated)."""
+        if self.noise_known:
+            return float(stats.chi2.ppf(LEVEL, 1))
+        return float(self.noise**2 * stats.f.ppf(LEVEL, 1, self.degrees))
+
+
+Misfit = Callable[[Sequence[float]], Array]
+
+
+class Identification:
+    """One question to the data: which values of ``misfit.free`` make ``misfit`` least?
+
+    ``misfit`` has ``free``, ``declared`` (a `Parameter` each) and ``noise_known`` besides being callable.
+    Parameters are moved in units of their starting values, so that steps and tolerances are relative.
+    """
+
+    def __init__(self, misfit, start: Sequence[float]):
+        self.misfit = misfit
+        self.start = np.array(start, float)
+        self.unit = np.array([abs(s) or d.typical or 1.0 for s, d in zip(self.start, misfit.declared, strict=True)])
+        self.low = np.array([d.low for d in misfit.declared]) / self.unit
+        self.high = np.array([d.high for d in misfit.declared]) / self.unit
+        self.evaluations = 0
+
+    def _residuals(self, u: Array) -> Array:
+        self.evaluations += 1
+        r = self.misfit(u * self.unit)
+        return np.where(np.isfinite(r), r, 1e12)
+
+    def _least_squares(self, u: Array, moving: Array) -> tuple[Array, Array, Array]:
+        """Minimise over the coordinates ``moving`` (p,) bool from u; returns u, the residuals and the Jacobian (n, moving)."""
+        if not moving.any():
+            r = self._residuals(u)
+            return u, r, np.zeros((len(r), 0))
+
+        def partial(v: Array) -> Array:
+            full = u.copy()
+            full[moving] = v
+            return self._residuals(full)
+
+        inside = np.clip(u[moving], self.low[moving] + 1e-9, self.high[moving] - 1e-9)
+        found = optimize.least_squares(
+            partial, inside, jac="3-point", diff_step=1e-5, bounds=(self.low[moving], self.high[moving]),
+            xtol=1e-11, ftol=1e-12, gtol=1e-14, max_nfev=60,
+        )  # fmt: skip
+        best = u.copy()
+        best[moving] = found.x
+        return best, found.fun, found.jac
+
+    def fit(self, nelder_mead: bool = True) -> Fit:
+        """Fit by least squares, and by Nelder–Mead from the same start unless told not to. Raises `InputError` where data cannot decide at all."""
+        u0 = self.start / self.unit
+        everything = np.ones(len(u0), bool)
+        best, residuals, jacobian = self._least_squares(u0, everything)
+        counts = {"least squares": self.evaluations}
+        simplex = None
+        if nelder_mead:
+            self.evaluations = 0
+            simplex = self._nelder_mead(u0)
+            counts["Nelder–Mead"] = self.evaluations
+            other, r, j = self._least_squares(simplex, everything)
+            if r @ r < residuals @ residuals * (1 - 1e-9):  # the simplex looked farther and found better
+                best, residuals, jacobian = other, r, j
+        degrees = len(residuals) - len(best)
+        if degrees < 0 or (degrees == 0 and not self.misfit.noise_known):
+            need = len(best) + (not self.misfit.noise_known)
+            raise InputError(f"{len(residuals)} measurements cannot fix {len(best)} parameters; give at least {need}, or free fewer")
+        noise = 1.0 if self.misfit.noise_known else math.sqrt(max(residuals @ residuals / degrees, 1e-300))
+        normal = jacobian.T @ jacobian
+        unit = np.outer(self.unit, self.unit)
+        return Fit(
+            self.misfit.free, best * self.unit, np.linalg.pinv(normal, hermitian=True) * unit * noise**2, float(residuals @ residuals), noise,
+            degrees, self.misfit.noise_known, residuals, self.start,
+            None if simplex is None else simplex * self.unit, counts,
+        )  # fmt: skip
+
+    def _nelder_mead(self, u: Array) -> Array:
+        """Nelder–Mead, started afresh where it stopped until that no longer helps: a simplex that has collapsed in a valley stops early."""
+        best, size = np.inf, 0.1
+        for _ in range(12):
+            simplex = np.vstack([u, u + size * np.diag(np.where(u != 0, u, 1.0))])
+            found = optimize.minimize(
+                lambda v: float(np.sum(self._residuals(np.clip(v, self.low, self.high)) ** 2)), u, method="Nelder-Mead",
+                options={"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12, "maxiter": 400, "maxfev": 600},
+            )  # fmt: skip
+            moved = np.max(np.abs(found.x - u) / np.maximum(np.abs(u), 1e-12))
+            u, size = found.x, 0.02
+            if found.success and (moved < 1e-6 or best - found.fun <= 1e-9 * found.fun):
+                break
+            best = found.fun
+        return np.clip(u, self.low, self.high)
+
+    # -- how well ----------------------------------------------------------------------------------------------
+
+    def rise(self, fit: Fit, name: str, value: float, near: Array | None = None) -> tuple[float, Array]:
+        """How much the least misfit rises when ``name`` is held at ``value``, and where the others (all, (p,)) then are."""
+        u = (fit.values if near is None else near) / self.unit
+        i = fit.free.index(name)
+        u = u.copy()
+        u[i] = value / self.unit[i]
+        moving = np.arange(len(u)) != i
+        best, r, _ = self._least_squares(u, moving)
+        return float(r @ r) - fit.misfit, best * self.unit
+
+    def covers(self, fit: Fit, name: str, value: float) -> bool:
+        """Whether ``value`` lies in the 95 % profile-likelihood interval of ``name``, without computing the interval's ends."""
+        return self.rise(fit, name, value)[0] <= fit.threshold
+
+    def profile(self, fit: Fit, name: str, points: int = 7) -> Profile:
+        """Profile likelihood of one parameter, out to where it has left the 95 % interval on both sides, or to the parameter's range."""
+        i = fit.free.index(name)
+        declared = self.misfit.declared[i]
+        centre, std = float(fit.values[i]), float(fit.std[i])
+        std = std if 0 < std < abs(centre) else 0.05 * self.unit[i]
+        limit = fit.threshold
+        found = [(centre, 0.0, fit.values)]
+        for sign in (-1.0, 1.0):
+            last, rise, near, step = centre, 0.0, fit.values, 2.6 * std / points
+            for _ in range(4 * points):
+                value = float(np.clip(last + sign * step, declared.low, declared.high))
+                if value == last:
+                    break
+                # Others start where the linearised valley leads, so that the inner fit has little to do.
+                lead = near + fit.covariance[:, i] / max(fit.covariance[i, i], 1e-300) * (value - last)
+                lead = np.clip(lead, self.low * self.unit, self.high * self.unit)
+                rise, near = self.rise(fit, name, value, lead)
+                found.append((value, max(rise, 0.0), near))
+                last = value
+                if rise > 1.6 * limit:
+                    break
+                if len(found) % points == 0:
+                    step *= 1.7
+        found.sort(key=lambda item: item[0])
+        values = np.array([f[0] for f in found])
+        rises = np.array([f[1] for f in found])
+        others = np.array([f[2] for f in found])
+        low, high = _crossing(values, rises, centre, limit, -1), _crossing(values, rises, centre, limit, 1)
+        return Profile(name, centre, values, rises / (1.0 if fit.noise_known else fit.noise**2), others, limit / (1.0 if fit.noise_known else fit.noise**2), low, high)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile likelihood of one parameter.
+
+    values (n,), the rise of the least misfit over noise² at each (n,), all parameters there (n, p), the threshold of
+    the 95 % interval, and the interval's ends; an end is infinite where the profile never leaves the threshold.
+    """
+
+    name: str
+    best: float
+    values: Array
+    rise: Array
+    others: Array
+    threshold: float
+    low: float
+    high: float
+
+    @property
+    def flat(self) -> bool:
+        """Whether the data leave this parameter open: no end, or wider than a quarter of its value."""
+        half = 0.5 * (self.high - self.low)
+        return not math.isfinite(half) or half > FLAT * abs(self.best)
+
+
+def _crossing(values: Array, rises: Array, centre: float, limit: float, side: int) -> float:
+    """Where the profile crosses ``limit`` on one side: the signed root of the rise is almost a straight line there."""
+    part = values <= centre if side < 0 else values >= centre
+    x, y = values[part], np.sqrt(rises[part])
+    if side < 0:
+        x, y = x[::-1], y[::-1]
+    beyond = np.flatnonzero(y > math.sqrt(limit))
+    if not len(beyond):
+        return side * math.inf
+    last = beyond[0]
+    y = np.maximum.accumulate(y[: last + 1]) + 1e-12 * np.arange(last + 1)
+    return float(PchipInterpolator(y, x[: last + 1])(math.sqrt(limit)))
+
+
+# ---------------------------------------------------------------- in words
+
+
+@dataclass(frozen=True)
+class Valley:
+    """Best and worst determined combination Π θ^w of the parameters: exponents (p,), the largest being 1, and relative std."""
+
+    best_exponents: Array
+    best_std: float
+    worst_exponents: Array
+    worst_std: float
+
+
+def valley(fit: Fit) -> Valley | None:
+    """Directions of the misfit's valley in relative changes of the parameters; None for one parameter or where one is zero."""
+    if len(fit.values) < 2 or not fit.values.all():
+        return None
+    relative = fit.covariance / np.outer(fit.values, fit.values)
+    variance, axes = np.linalg.eigh(relative)
+
+    def scaled(v: Array) -> tuple[Array, float]:
+        return v / v[np.argmax(np.abs(v))], float(1.0 / np.max(np.abs(v)))
+
+    best, worst = axes[:, 0], axes[:, -1]
+    (b, b_scale), (w, w_scale) = scaled(best), scaled(worst)
+    return Valley(b, math.sqrt(max(variance[0], 0.0)) * b_scale, w, math.sqrt(max(variance[-1], 0.0)) * w_scale)
+
+
+def verdict(fit: Fit, profiles: Sequence[Profile]) -> str:
+    """What the data fix, in one or two sentences; it says so when the valley is flat."""
+    along = valley(fit)
+    combination = ""
+    if along is not None:
+        named = " · ".join(
+            _SYMBOLS.get(n, n) + ("" if abs(e - 1) < 5e-3 else f"^{e:.2f}")
+            for n, e in sorted(zip(fit.free, along.best_exponents, strict=True), key=lambda pair: -pair[1])
+            if abs(e) >= 0.005
+        )
+        combination = f"What they fix best is {named}, to {_percent(along.best_std)}."
+    flat = [p for p in profiles if p.flat]
+    if flat:
+        names = " and ".join(_SYMBOLS.get(p.name, p.name) for p in flat)
+        return f"The valley is flat: these data do not determine {names}. {combination}".strip()
+    widths = ", ".join(f"{_SYMBOLS.get(p.name, p.name)} to ±{_percent(0.5 * (p.high - p.low) / abs(p.best))}" for p in profiles if p.best)
+    tied = ""
+    if len(fit.values) > 1 and (r := np.abs(fit.correlation - np.eye(len(fit.values))).max()) > 0.9:
+        tied = f" They are tied to each other (correlation {r:.3f})."
+    return f"These data determine {widths} (95 %).{tied} {combination}".strip()
+
+
+def _percent(x: float) -> str:
+    return f"{100 * x:.2g} %"
+
+
+_SYMBOLS = {"eta": "η", "gamma": "γ"}

@@ -1,0 +1,295 @@
+"""Predictions, residuals and their derivatives for all runs of a campaign, in batches of compiled simulations.
+
+Each run is simulated from its own initial state to its end (single shooting); the fit lengthens the horizon step by
+step, which is what keeps powered runs with their unstable balance speed, and impacts, from derailing it. All
+perturbations of one run are one batch; runs are spread over threads, for the compiled code releases the interpreter.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..core.errors import InputError
+from ..core.model import Model
+from ..core.model import Pulses as ModelPulses
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, RATES, STATES
+from ..data.campaign import Campaign
+from ..data.measurement import Run
+from .structure import Structure
+
+#: Longest spacing (s) of the grid between samples that predictions are interpolated and forces are integrated on.
+GRID = 2.5e-3
+#: Steps of the initial state's central differences, by state: far above rounding, far below where the model bends.
+STATE_STEPS = np.array([1e-4, 1e-5, 1e-5, 1e-4, 1e-3, 1e-4, 1e-4, 1e-3])
+#: Prior standard deviation of an initial state about its first guess: says nothing where anything is measured.
+STATE_PRIOR = np.array([0.5, 0.02, 0.02, 0.1, 10.0, 1.0, 1.0, 10.0])
+#: Samples this close (s) to a run's start or end are left out of a channel whose delay is in question.
+DELAY_MARGIN = 1e-9
+
+_SLOPE_OF = {**dict(zip(COORDINATES, RATES, strict=True)), **dict(zip(RATES, ACCELERATIONS, strict=True))}
+
+
+@dataclass(frozen=True)
+class RunData:
+    """One run laid out for fitting: every measurement (m,) with its grid row, output column and channel number."""
+
+    run: Run
+    grid: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    time: np.ndarray
+    y: np.ndarray
+    channel: np.ndarray
+    fixed: np.ndarray  # (8,) True where the initial state is given or held
+    guess: np.ndarray  # (8,) first guess, exact where fixed
+    pulses: tuple[np.ndarray, np.ndarray, np.ndarray]
+    averaged: bool
+
+    @property
+    def free_states(self) -> np.ndarray:
+        """Indices of the initial states to be estimated."""
+        return np.flatnonzero(~self.fixed)
+
+
+def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunData:
+    """Prepare one run. Raises `InputError` where the speed cannot be had from anything measured or given."""
+    measured = run.measured
+    rows = np.flatnonzero(measured.any(axis=1))
+    times = run.times
+    parts = [times[rows]]
+    for a, b in zip(times[rows][:-1], times[rows][1:], strict=True):
+        if b - a > GRID:
+            parts.append(np.linspace(a, b, int(np.ceil((b - a) / GRID)) + 1)[1:-1])
+    grid = np.unique(np.concatenate([[0.0], *parts]))
+    r, c = np.nonzero(measured)
+    names = np.array([channels.index(n) for n in run.channels])
+    columns = np.array([INDEX[n] for n in run.channels])
+    fixed = np.array([s in run.initial_state for s in STATES])
+    fixed |= np.array([s.removesuffix("_rate") not in MOVING[dof] for s in STATES])
+    if dof == 1 and ("surge" in run.channels or "surge_rate" in run.channels):
+        fixed[[0, 4]] = [s in run.initial_state for s in ("surge", "surge_rate")]
+    guess = _first_guess(run, model, dof)
+    pulses = (np.empty(0),) * 3
+    averaged = run.pulses is None and model.drive == "averaged"
+    if run.pulses is not None:
+        p = ModelPulses(run.pulses.times, run.pulses.coils, run.pulses.currents)
+        pulses = tuple(np.ascontiguousarray(a, float) for a in p.arrays(model.parameters["wavelength"]))
+    return RunData(
+        run, grid, np.searchsorted(grid, times[r]), columns[c], times[r], run.values[r, c], names[c], fixed, guess, pulses, averaged
+    )
+
+
+def _first_guess(run: Run, model: Model, dof: int) -> np.ndarray:
+    """Initial state from a parabola through the first samples of each channel; given entries as given."""
+    guess = np.zeros(8)
+    found = {}
+    for name in run.channels:
+        t, y = run.samples(name)
+        if t.size == 0 or name in ACCELERATIONS:
+            continue
+        n = int(np.clip(np.searchsorted(t, t[0] + 0.04), min(5, t.size), max(t.size, 1)))
+        degree = min(2, n - 1)
+        fit = np.polynomial.Polynomial.fit(t[:n], y[:n], degree) if n > 1 else np.polynomial.Polynomial([y[0]])
+        found[name] = (float(fit(0.0)), float(fit.deriv()(0.0)) if n > 1 else 0.0)
+    for i, c in enumerate(COORDINATES):
+        if c in found:
+            guess[i], guess[4 + i] = found[c]
+        if RATES[i] in found:
+            guess[4 + i] = found[RATES[i]][0]
+    g0 = model.parameters["nominal_gap"]
+    if "heave" not in found:
+        if "gap_top" in found:
+            guess[2], guess[6] = found["gap_top"][0] - g0, found["gap_top"][1]
+        elif {"gap_left", "gap_right"} <= found.keys():
+            guess[2] = g0 / np.sqrt(0.5) - (found["gap_left"][0] + found["gap_right"][0]) / np.sqrt(2)
+    if "sway" not in found and {"gap_left", "gap_right"} <= found.keys():
+        guess[1], guess[5] = ((found["gap_left"][k] - found["gap_right"][k]) / np.sqrt(2) for k in (0, 1))
+    for i, s in enumerate(STATES):
+        if s in run.initial_state:
+            guess[i] = run.initial_state[s]
+        elif s.removesuffix("_rate") not in MOVING[dof] and not (dof == 1 and i in (0, 4)):
+            guess[i] = 0.0
+    if "surge" not in found and "surge_rate" not in found and "surge_rate" not in run.initial_state:
+        raise InputError(
+            f"{run.file}: nothing tells the speed; measure surge or surge_rate, or give initial_state: {{surge_rate: …}} in campaign.yaml"
+        )
+    if "heave" not in found and not {"gap_top", "gap_left", "gap_right"} & found.keys() and "heave" not in run.initial_state:
+        guess[2] = model.equilibrium_heave(max(guess[4], 1.0))
+    return guess
+
+
+class Problem:
+    """All runs of a campaign with the noise of each channel, ready to be predicted and fitted.
+
+    ``sigma`` (c,) is the noise by channel in the order of ``channels``; ``runs`` are `RunData`. A subset of runs is
+    another `Problem` that shares everything (`subset`).
+    """
+
+    def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float], threads: int | None = None):
+        self.channels = campaign.channels
+        self.dof = campaign.dof or model.dof
+        self.model = model if model.dof == self.dof else model.with_changes(dof=self.dof)
+        self.sigma = np.array([sigma[c] for c in self.channels])
+        self.runs = tuple(lay_out(run, self.model, self.channels, self.dof) for run in campaign.runs)
+        self.threads = threads or os.cpu_count() or 1
+
+    def subset(self, indices: Sequence[int]) -> Problem:
+        """The same problem with only some of its runs."""
+        part = object.__new__(Problem)
+        part.__dict__.update(self.__dict__)
+        part.__dict__.pop("samples", None)
+        part.runs = tuple(self.runs[i] for i in indices)
+        return part
+
+    def with_sigma(self, sigma: np.ndarray) -> Problem:
+        """The same problem with other noise levels (c,)."""
+        part = self.subset(range(len(self.runs)))
+        part.sigma = np.asarray(sigma, float)
+        return part
+
+    @cached_property
+    def samples(self) -> int:
+        """Number of measured values."""
+        return sum(len(r.y) for r in self.runs)
+
+    def for_runs(self, task: Callable[[int], object]) -> list:
+        """``task(i)`` for every run, on the machine's threads, results in order."""
+        if self.threads == 1 or len(self.runs) == 1:
+            return [task(i) for i in range(len(self.runs))]
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(task, range(len(self.runs))))
+
+    def simulate(self, structure: Structure, i: int, thetas: np.ndarray, states: np.ndarray, until: float = np.inf) -> np.ndarray:
+        """Outputs (j, n, 15) of run i on its grid, up to the horizon ``until``, for each row of thetas and states (j, 8)."""
+        data, model = self.runs[i], structure.model
+        times = data.grid[: max(2, np.searchsorted(data.grid, until + GRID))]
+        P = structure.vectors(thetas)
+        P[:, model.kernel.parameters.index("drive_current")] = data.run.drive_current
+        x = np.zeros((len(states), len(model.kernel.states)))
+        x[:, :8] = states
+        on = np.tile(model.switches, (len(states), 1))
+        if x.shape[1] > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects):
+            for j in range(len(x)):
+                x[j] = _steady(model, x[j], P[j])
+        out = np.empty((len(states), times.size, len(OUTPUTS)))
+        model.kernel.simulate_batch(
+            times, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses, 1.0, out
+        )
+        return out
+
+    def predict(self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray) -> np.ndarray:
+        """What the sensors of run i would read, (j, m), from simulated outputs; NaN past the horizon or outside the run."""
+        data = self.runs[i]
+        n = out.shape[1]
+        inside = data.row < n
+        predicted = np.full((len(out), len(data.y)), np.nan)
+        predicted[:, inside] = out[:, data.row[inside], data.column[inside]]
+        for channel in structure.sensors:
+            if channel not in self.channels:
+                continue
+            mine = np.flatnonzero(inside & (data.channel == self.channels.index(channel)))
+            values = structure.sensor_values(channel, thetas)
+            if "sensor_delay" in values:
+                for j, delay in enumerate(values["sensor_delay"]):
+                    predicted[j, mine] = _interpolate(data.grid[:n], out[j], channel, data.time[mine] - delay)
+            if "sensor_scale" in values:
+                predicted[:, mine] *= values["sensor_scale"][:, None]
+            if "sensor_bias" in values:
+                predicted[:, mine] += values["sensor_bias"][:, None]
+        return predicted
+
+    def residuals(self, structure: Structure, theta: np.ndarray, states: Sequence[np.ndarray], until: float = np.inf) -> list[np.ndarray]:
+        """Residuals over noise of each run, (m,): NaN where there is nothing to compare (see `predict`)."""
+
+        def task(i: int) -> np.ndarray:
+            data = self.runs[i]
+            thetas = theta[None]
+            out = self.simulate(structure, i, thetas, states[i][None], until)
+            return (data.y - self.predict(structure, i, thetas, out)[0]) / self.sigma[data.channel]
+
+        return self.for_runs(task)
+
+    def linearise(
+        self, structure: Structure, theta: np.ndarray, states: Sequence[np.ndarray], until: float = np.inf, outputs: bool = False
+    ) -> list[Linearisation]:
+        """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
+
+        With ``outputs`` the simulated outputs and their derivatives with respect to the initial state are kept too.
+        """
+        g = len(theta)
+        low, high = structure.bounds
+        step = np.full(g, 0.02)
+        up = np.minimum(theta + step, high)
+        down = np.maximum(theta - step, low)
+
+        def task(i: int) -> Linearisation:
+            data = self.runs[i]
+            free = np.arange(8) if outputs else data.free_states
+            jobs = 1 + 2 * g + 2 * len(free)
+            thetas, x = np.tile(theta, (jobs, 1)), np.tile(states[i], (jobs, 1))
+            for k in range(g):
+                thetas[1 + 2 * k, k], thetas[2 + 2 * k, k] = up[k], down[k]
+            for k, s in enumerate(free):
+                x[1 + 2 * g + 2 * k, s] += STATE_STEPS[s]
+                x[2 + 2 * g + 2 * k, s] -= STATE_STEPS[s]
+            out = self.simulate(structure, i, thetas, x, until)
+            read = self.predict(structure, i, thetas, out)
+            weight = 1.0 / self.sigma[data.channel]
+            by_theta = (read[1 : 1 + 2 * g : 2] - read[2 : 2 + 2 * g : 2]) / (up - down)[:, None]
+            by_state = (read[1 + 2 * g :: 2] - read[2 + 2 * g :: 2]) / (2 * STATE_STEPS[free])[:, None]
+            kept = None
+            if outputs:
+                kept = (out[0], (out[1 + 2 * g :: 2] - out[2 + 2 * g :: 2]) / (2 * STATE_STEPS)[:, None, None])
+                by_state = by_state[data.free_states]
+            return Linearisation(
+                (data.y - read[0]) * weight, (by_theta * weight).T, (by_state * weight).T, data.free_states, kept
+            )
+
+        return self.for_runs(task)
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """One run near a point: residual (m,) over noise, derivatives of the prediction over noise by theta (m, g) and by the
+    free initial states (m, f); NaN rows have nothing to compare. ``kept``: outputs (n, 15) and their derivatives by the whole
+    initial state (8, n, 15)."""
+
+    residual: np.ndarray
+    by_theta: np.ndarray
+    by_state: np.ndarray
+    free_states: np.ndarray
+    kept: tuple[np.ndarray, np.ndarray] | None = None
+
+
+def _steady(model: Model, x: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Effect states on their steady values (see `Model.with_effect_states`) for another parameter vector."""
+    from ..core.kernel import QUANTITIES
+
+    without = model.switches & ~np.array([bool(model.known_effects[n].states) for n in model.kernel.effects])
+    _, q = model._evaluate(0.0, x, P, without)
+    x = x.copy()
+    x[8:] = [q[QUANTITIES.index(name)] for name in model.kernel.started_on]
+    return x
+
+
+def _interpolate(grid: np.ndarray, out: np.ndarray, channel: str, at: np.ndarray) -> np.ndarray:
+    """A channel between grid points: cubic Hermite where its slope is simulated, linear otherwise; NaN outside the run."""
+    values = out[:, INDEX[channel]]
+    slope = out[:, INDEX[_SLOPE_OF[channel]]] if channel in _SLOPE_OF else np.gradient(values, grid)
+    inside = (at >= grid[0] - DELAY_MARGIN) & (at <= grid[-1] + DELAY_MARGIN)
+    k = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, grid.size - 2)
+    h = grid[k + 1] - grid[k]
+    s = (at - grid[k]) / h
+    a, b = values[k], values[k + 1]
+    if channel in ACCELERATIONS or channel in GAPS and not np.isfinite(slope).all():
+        result = a + s * (b - a)
+    else:
+        da, db = slope[k] * h, slope[k + 1] * h
+        result = a + s * (da + s * (3 * (b - a) - 2 * da - db + s * (2 * (a - b) + da + db)))
+    return np.where(inside, result, np.nan)

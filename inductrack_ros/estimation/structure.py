@@ -1,0 +1,157 @@
+"""What is fitted: a model's structure (its effects) and the list of its free parameters, as vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..core.effects import split_name
+from ..core.errors import InputError, did_you_mean
+from ..core.model import Model
+from ..core.parameters import PARAMETERS, Parameter
+from ..core.state import CHANNELS, UNITS
+
+#: A typical bias by the unit of the channel.
+_BIAS = {"m": 1e-4, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2, "m/s²": 0.1, "rad/s²": 0.1}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A model whose ``free`` parameters (full names, e.g. ``eta`` or ``aerodynamic_drag.drag_area``) are to be fitted.
+
+    ``theta`` vectors hold the free parameters in their fit coordinates divided by `scale`, so that a unit step is a
+    typical change of each.
+    """
+
+    model: Model
+    free: tuple[str, ...]
+
+    def declared(self, name: str) -> Parameter:
+        """Declaration of a free parameter."""
+        effect, _, parameter = name.rpartition(".")
+        if not effect:
+            if name not in PARAMETERS:
+                raise InputError(f"free: unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
+            return PARAMETERS[name]
+        item, _ = split_name(effect, self.model.known_effects, CHANNELS)
+        return item.parameters[parameter]
+
+    @cached_property
+    def declarations(self) -> tuple[Parameter, ...]:
+        """Declarations in the order of ``free``."""
+        return tuple(self.declared(name) for name in self.free)
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Typical change of each free parameter in its fit coordinate, (g,)."""
+        sizes = []
+        for name, p in zip(self.free, self.declarations, strict=True):
+            if name.startswith("sensor_bias:"):
+                sizes.append(_BIAS[UNITS[name.rpartition(".")[0].partition(":")[2]]])
+                continue
+            neutral = 0.0 if np.isinf(p.default) else p.to_fit(p.default)
+            typical = p.typical if p.typical else 0.1 * abs(p.default) or 1.0
+            sizes.append(abs(p.to_fit(typical)) if neutral == 0.0 else typical)
+        return np.array(sizes)
+
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bound of theta, each (g,)."""
+        pairs = np.array([p.fit_bounds() for p in self.declarations]).reshape(-1, 2)
+        return pairs[:, 0] / self.scale, pairs[:, 1] / self.scale
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """Theta of the model as it stands, (g,)."""
+        return self.encode([self.value(name) for name in self.free])
+
+    def value(self, name: str) -> float:
+        """The model's value of a parameter by its full name."""
+        effect, _, parameter = name.rpartition(".")
+        return self.model.effects[effect][parameter] if effect else self.model.parameters[name]
+
+    def encode(self, values: Sequence[float]) -> np.ndarray:
+        """Theta from parameter values."""
+        return np.array([p.to_fit(v) for p, v in zip(self.declarations, values, strict=True)]) / self.scale
+
+    def decode(self, theta: np.ndarray) -> dict[str, float]:
+        """Parameter values by full name from theta."""
+        u = theta * self.scale
+        return {n: float(p.from_fit(x)) for n, p, x in zip(self.free, self.declarations, u, strict=True)}
+
+    def spread(self, theta: np.ndarray, deviation: np.ndarray) -> dict[str, float]:
+        """Standard deviations of the parameter values, from those of theta, to first order."""
+        result = {}
+        for n, p, u, s in zip(self.free, self.declarations, theta * self.scale, deviation * self.scale, strict=True):
+            h = max(1e-6 * abs(u), 1e-3 * s, 1e-12)
+            slope = (p.from_fit(u + h) - p.from_fit(max(u - h, h * 1e-3))) / (u + h - max(u - h, h * 1e-3)) if p.fit_as != "x" else 1.0
+            result[n] = float(abs(slope) * s) if np.isfinite(slope) else float("inf")
+        return result
+
+    def with_theta(self, theta: np.ndarray) -> Model:
+        """The model with the free parameters at theta."""
+        values = self.decode(theta)
+        base = {n: v for n, v in values.items() if "." not in n}
+        effects = {e: dict(v) for e, v in self.model.effects.items()}
+        for name, value in values.items():
+            effect, dot, parameter = name.rpartition(".")
+            if dot:
+                effects[effect][parameter] = value
+        return self.model.with_changes(base, effects)
+
+    @cached_property
+    def columns(self) -> tuple[int | None, ...]:
+        """Column of each free parameter in the kernel's vector P; None for a sensor's."""
+        names = self.model.kernel.parameters
+        return tuple(names.index(n) if n in names else None for n in self.free)
+
+    def vectors(self, thetas: np.ndarray) -> np.ndarray:
+        """Kernel parameter vectors (j, p) for each row of ``thetas`` (j, g)."""
+        P = np.tile(self.model.vector, (len(thetas), 1))
+        for k, column in enumerate(self.columns):
+            if column is not None:
+                p, s = self.declarations[k], self.scale[k]
+                P[:, column] = [p.from_fit(u) for u in thetas[:, k] * s]
+        return P
+
+    @cached_property
+    def sensors(self) -> dict[str, list[tuple[str, int | float]]]:
+        """Sensor faults by channel: (parameter name, index in theta, or its fixed value)."""
+        faults: dict[str, list[tuple[str, int | float]]] = {}
+        for name, values in self.model.effects.items():
+            base, _, channel = name.partition(":")
+            if channel:
+                for parameter, value in values.items():
+                    full = f"{name}.{parameter}"
+                    faults.setdefault(channel, []).append((base, self.free.index(full) if full in self.free else value))
+        return faults
+
+    def sensor_values(self, channel: str, thetas: np.ndarray) -> dict[str, np.ndarray]:
+        """Fault parameters of a channel, by effect name, for each row of ``thetas``."""
+        result = {}
+        for base, where in self.sensors.get(channel, ()):
+            if isinstance(where, int):
+                result[base] = thetas[:, where] * self.scale[where]
+            else:
+                result[base] = np.full(len(thetas), where)
+        return result
+
+    def plus(self, name: str, values: Mapping[str, float] | None = None) -> Structure:
+        """This structure with one more effect, its parameters free and started at ``values`` (where it vanishes otherwise)."""
+        item, _ = split_name(name, self.model.known_effects, CHANNELS)
+        start = {p: d.default for p, d in item.parameters.items()} | dict(values or {})
+        model = self.model.with_changes(effects={**self.model.effects, name: start})
+        return Structure(model, self.free + tuple(f"{name}.{p}" for p in item.parameters))
+
+    def minus(self, name: str) -> Structure:
+        """This structure without one effect."""
+        effects = {e: v for e, v in self.model.effects.items() if e != name}
+        return Structure(self.model.with_changes(effects=effects), tuple(f for f in self.free if f.rpartition(".")[0] != name))
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the model's effects."""
+        return tuple(self.model.effects)
