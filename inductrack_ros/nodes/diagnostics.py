@@ -1,0 +1,35 @@
+"""What a node says about itself on /diagnostics, once a second."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+PERIOD = 1.0  # s
+
+
+class Diagnostics:
+    """Publishes counters; the level is WARN while one that is a fault has grown since the last time."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._node = node
+        self._name = name
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._last: dict[str, int] = {}
+
+    def publish(self, faults: Mapping[str, int], facts: Mapping[str, object]) -> None:
+        """`faults` are counts since the start that should stay 0; `facts` are anything else worth knowing."""
+        grown = [name for name, count in faults.items() if count > self._last.get(name, 0)]
+        self._last = dict(faults)
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if grown else DiagnosticStatus.OK,
+            name=f"{self._node.get_fully_qualified_name()}: {self._name}",
+            message=", ".join(grown) or "running",
+            hardware_id="simulator",
+            values=[KeyValue(key=k, value=str(v)) for k, v in {**faults, **facts}.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)

@@ -1,0 +1,85 @@
+"""ROS 2 parameters from their one declaration: the model's from the core, a node's own from a table like it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from ..core.errors import InputError, did_you_mean
+from ..core.parameters import Parameter
+
+#: Parameters that rclpy itself declares.
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
+
+
+@dataclass(frozen=True)
+class Option:
+    """A parameter that is not a real number: a switch, a name, a whole number, a list of either."""
+
+    default: bool | int | str | list
+    meaning: str
+    choices: tuple[str, ...] = ()
+    low: int = 0
+    high: int = 2**31
+
+    def check(self, name: str, value: object, where: str = "") -> object:
+        """Return the value, or raise `InputError` naming the parameter and what it may be."""
+        place = f"{where}: " if where else ""
+        if isinstance(self.default, list):
+            value = list(value) if isinstance(value, (list, tuple)) or hasattr(value, "typecode") else value
+            kind = type(self.default[0])
+            if not isinstance(value, list) or any(type(v) is not kind for v in value):
+                raise InputError(f"{place}{name} = {value!r} must be a list of {kind.__name__}")
+        elif type(value) is not type(self.default):
+            raise InputError(f"{place}{name} = {value!r} must be of type {type(self.default).__name__}")
+        elif self.choices and value not in self.choices:
+            raise InputError(f"{place}{name} = {value!r} must be one of {', '.join(self.choices)}")
+        elif type(value) is int and not self.low <= value <= self.high:
+            raise InputError(f"{place}{name} = {value} is out of range; it must lie in [{self.low}, {self.high}]")
+        return value
+
+
+Declared = Mapping[str, Parameter | Option]
+
+
+def given(node: Node) -> dict[str, object]:
+    """What the command line and parameter files gave the node (made with automatic declaration), as plain values."""
+    found = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
+    return {n: v for n, v in found.items() if not n.startswith(_OF_ROS) and v is not None}
+
+
+def refuse_unknown(values: Mapping[str, object], declared: Collection[str], node: Node) -> None:
+    for name in values:
+        if name not in declared:
+            raise InputError(f"{node.get_name()}: unknown parameter '{name}'{did_you_mean(name, declared)}")
+
+
+def declare(node: Node, declared: Declared, live: Collection[str] = ()) -> dict[str, object]:
+    """Declare all with description, unit and range; those in `live` may be set later. Returns their values.
+
+    Raises `InputError`, naming parameter and range, for a value given at the start that does not fit.
+    """
+    values = {}
+    start = given(node)
+    for name, one in declared.items():
+        value = one.check(name, start.get(name, one.default), node.get_name())
+        if name in start:
+            node.undeclare_parameter(name)
+        node.declare_parameter(name, value, _descriptor(one, name in live), ignore_override=True)
+        values[name] = value
+    return values
+
+
+def _descriptor(one: Parameter | Option, live: bool) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=one.meaning, read_only=not live)
+    if isinstance(one, Parameter):
+        descriptor.description += f" ({one.unit or 'no unit'})"
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(one.low), to_value=float(one.high))]
+    elif type(one.default) is int:
+        descriptor.integer_range = [IntegerRange(from_value=one.low, to_value=one.high)]
+    elif one.choices:
+        descriptor.additional_constraints = "one of " + ", ".join(one.choices)
+    return descriptor

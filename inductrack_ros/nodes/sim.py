@@ -1,0 +1,330 @@
+"""`sim`: the cradle in real time, in its own time, or in step with a controller. Equations live in the core."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from geometry_msgs.msg import PointStamped
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile
+from std_msgs.msg import UInt64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+from ..core.errors import InputError
+from ..core.model import DRIVES, Model
+from ..core.parameters import PARAMETERS, Parameter
+from . import sensors
+from .diagnostics import PERIOD, Diagnostics
+from .drive import PulseQueue
+from .parameters import Option, declare, given, refuse_unknown
+from .runtime import NAMESPACE, run
+from .simulation import Simulation, parse_initial_state
+from .topics import DEPTH, SimulatorTopics, channels, nanoseconds_of, stamp_of
+
+MODEL_OPTIONS = {
+    "dof": Option(4, "degrees of freedom: 1 (heave), 2 (surge, heave) or 4", low=1, high=4),
+    "drive": Option("averaged", "thrust by the averaged law, or by the pulses on drive_pulses", DRIVES),
+    "effects": Option([""], "effects that are on, e.g. aerodynamic_drag"),
+    "effect_files": Option([""], "Python files with effects of your own"),
+}
+OWN = {
+    "rate": Parameter(500.0, "Hz", 1.0, 1000.0, "ticks to a simulated second; pose and twist are published at each"),
+    "details_rate": Parameter(50.0, "Hz", 0.1, 1000.0, "how often odometry, gaps and wrenches are published"),
+    "speed_factor": Parameter(1.0, "", 1e-3, 1e3, "simulated seconds to a real second"),
+    "lockstep": Option(False, "wait at each tick for a controller's answer on lockstep/done"),
+    "lockstep_timeout": Parameter(5.0, "s", 0.1, 3600.0, "say so when no answer came for so long"),
+    "paused": Option(False, "start standing still, until the pause service says otherwise"),
+    "publish_clock": Option(False, "publish /clock; simulated time then begins at 0, else at the time of the start"),
+    "initial_state": Option("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),
+    "track_length": Parameter(1000.0, "m", 0.1, 1e6, "length of track that has drive coils, one every λ/2"),
+    "max_pulse_current": Parameter(2e4, "A", 0.0, 1e6, "a drive pulse of more is refused"),
+    "track_frame": Option("track", "frame of poses, twists and wrenches"),
+    "cradle_frame": Option("cradle", "frame that moves with the cradle"),
+    "reliability": Option("reliable", "quality of service of what is published", ("reliable", "best_effort")),
+    "seed": Option(0, "seed of the sensors' noise"),
+    **sensors.declared(),
+}
+LIVE = {"speed_factor", "lockstep_timeout", *PARAMETERS, *sensors.declared()}
+LONGEST_BATCH = 0.05  # s of real time spent on ticks before services and commands get their turn
+LONGEST_DEBT = 0.1  # s of real time that the simulation may lag and still catch up
+
+
+class SimNode(Node):
+    """Message → pulse, advance, state → messages."""
+
+    def __init__(self) -> None:
+        super().__init__("sim", namespace=NAMESPACE, automatically_declare_parameters_from_overrides=True)
+        start = given(self)
+        # The core checks what belongs to the model, effects' parameters included, in its own words.
+        self.model = Model.from_mapping({n: _plain(v) for n, v in start.items() if n not in OWN}, where="sim")
+        effect_parameters = {
+            f"{name}.{p}": declared
+            for name in self.model.effects
+            for p, declared in self.model.known_effects[name.partition(":")[0]].parameters.items()
+        }
+        in_model = {**PARAMETERS, **MODEL_OPTIONS, **effect_parameters}
+        refuse_unknown({n: v for n, v in start.items() if "." not in n}, {**in_model, **OWN}, self)
+        self._options = declare(self, {**in_model, **OWN}, live={*LIVE, *effect_parameters})
+        self._in_model = {*PARAMETERS, *effect_parameters}
+
+        options = self._options
+        coils = int(options["track_length"] / (0.5 * self.model.parameters["wavelength"]))
+        self.queue = PulseQueue(coils, options["max_pulse_current"], self.model.parameters["pulse_length"])
+        initial = parse_initial_state(options["initial_state"])
+        self.simulation = Simulation(self.model, initial, options["rate"], self.queue)
+        self.sensors = sensors.SensorModel(options, self.model, options["seed"])
+        own_time = options["publish_clock"] or options["lockstep"]
+        self._epoch = 0 if own_time else None  # ns at simulated time 0; None: the time of the start or reset
+
+        self._topics = SimulatorTopics(
+            self, self._force_effects(), options["track_frame"], options["cradle_frame"],
+            options["publish_clock"], options["reliability"],
+        )  # fmt: skip
+        self.create_subscription(PointStamped, "drive_pulses", self._take_pulse, QoSProfile(depth=DEPTH))
+        self.create_service(SetBool, "~/pause", self._pause)
+        self.create_service(Trigger, "~/step", self._step)
+        self.create_service(Trigger, "~/reset", self._reset)
+        self.add_on_set_parameters_callback(self._change_parameters)
+
+        self.paused = options["paused"]
+        self.deadline_misses = self.contacts = 0
+        self._in_contact = False
+        self._restart_time()
+        self._details_period = max(1, round(options["rate"] / options["details_rate"]))
+        if options["lockstep"]:
+            self._pulses_since_tick = 0
+            self._answer: tuple[int, int] | None = None
+            self._asked_at = 0.0
+            self.create_subscription(UInt64MultiArray, "lockstep/done", self._take_answer, QoSProfile(depth=DEPTH))
+            self.create_timer(0.1, self._look_after_lockstep)
+        else:
+            self.create_timer(1.0 / options["rate"], self._wake)
+        self._diagnostics = Diagnostics(self, "simulation")
+        self._two_simulators = False
+        self.create_timer(PERIOD, self._diagnose)
+        self._say_what_runs()
+        self.finished = False
+
+    # -- time -----------------------------------------------------------------------------------------------------
+
+    def _restart_time(self) -> None:
+        """Simulated time begins anew (start, reset)."""
+        self._zero = self.get_clock().now().nanoseconds if self._epoch is None else self._epoch
+        self._asked_for = -1
+        self._resume()
+
+    def _resume(self) -> None:
+        """From here on, so many ticks are due as real time passes (start, end of a pause, another speed factor)."""
+        self._due_from = time.monotonic(), self.simulation.ticks
+        self._last_wake = time.monotonic()
+
+    def _stamp_ns(self) -> int:
+        return self._zero + round(self.simulation.time * 1e9)
+
+    def _wake(self) -> None:
+        """Timer: advance as many ticks as real time asks for."""
+        now = time.monotonic()
+        rate, factor = self._options["rate"], self._options["speed_factor"]
+        if self.simulation.ticks == 0 and self._asked_for < 0:
+            self._publish()  # the initial state
+        if self.paused:
+            return
+        if now - self._last_wake > 2.0 / rate:
+            self.deadline_misses += 1
+        self._last_wake = now
+        since, ticks = self._due_from
+        due = ticks + int((now - since) * factor * rate + 0.5) - self.simulation.ticks
+        for _ in range(due):
+            if not self._tick() or time.monotonic() - now > LONGEST_BATCH:
+                break
+        behind = ticks + (now - since) * factor * rate - self.simulation.ticks
+        if behind > LONGEST_DEBT * factor * rate:  # it will not catch up; time goes on from here
+            self._due_from = time.monotonic(), self.simulation.ticks
+
+    def _tick(self) -> bool:
+        """One tick and what is published with it; False when the motion left all bounds."""
+        try:
+            begun = self.simulation.tick()
+        except InputError as error:
+            self.get_logger().error(str(error))
+            self.paused = True
+            return False
+        for pulse in begun:
+            self._topics.fired(stamp_of(self._zero + round(pulse.time * 1e9)), pulse)
+        self._publish()
+        return True
+
+    def _publish(self) -> None:
+        simulation, x = self.simulation, self.simulation.x
+        self._asked_for = simulation.ticks
+        stamp = stamp_of(self._stamp_ns())
+        self._topics.clock(stamp)
+        self._topics.state(stamp, x)
+        truth = channels(x, simulation.quantities())
+        self.sensors.remember(simulation.time, truth)
+        for sensor in self.sensors.due(simulation.time, 1.0 / simulation.rate):
+            reading = self.sensors.sample(sensor, simulation.time)
+            if reading is not None:
+                self._topics.measured(stamp, sensor, reading, x[3], self.model.parameters["gravity"])
+        touching = min(truth["gap_top"], truth["gap_right"], truth["gap_left"]) < 0.0
+        self.contacts += touching and not self._in_contact
+        self._in_contact = touching
+        if simulation.ticks % self._details_period == 0:
+            self._topics.details(stamp, x, truth, simulation.wrenches())
+
+    # -- lockstep: simulated time waits for the controller -------------------------------------------------------
+
+    def _look_after_lockstep(self) -> None:
+        """Timer: publish the first state once somebody will answer; say so when nobody does."""
+        now = time.monotonic()
+        if self.paused:
+            return
+        if self._asked_for < 0 and self.count_publishers("lockstep/done"):
+            self._ask()
+        elif now - self._asked_at > self._options["lockstep_timeout"]:
+            self._asked_at = now
+            if self._asked_at and self._asked_for >= 0:
+                self.get_logger().warning(
+                    f"lockstep: no answer on lockstep/done to the pose at {self.simulation.time:.3f} s "
+                    f"for {self._options['lockstep_timeout']:g} s; is the controller running?"
+                )
+            else:
+                self.get_logger().warning("lockstep: waiting for a controller that publishes lockstep/done")
+
+    def _ask(self) -> None:
+        self._pulses_since_tick = 0
+        self._answer = None
+        self._asked_at = time.monotonic()
+        self._publish()
+
+    def _take_answer(self, message: UInt64MultiArray) -> None:
+        """`[stamp of the pose answered (ns), number of pulses sent in answer]`"""
+        if len(message.data) != 2:
+            self._refuse("lockstep/done must hold [stamp of the pose (ns), pulses sent in answer to it]")
+        elif message.data[0] == self._stamp_ns():
+            self._answer = int(message.data[0]), int(message.data[1])
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Next tick, once the answer and all the pulses it speaks of are here."""
+        if self.paused or self._answer is None or self._pulses_since_tick < self._answer[1]:
+            return
+        self._pulses_since_tick = 0
+        self._answer = None
+        self._asked_at = time.monotonic()
+        self._tick()
+
+    # -- what comes in --------------------------------------------------------------------------------------------
+
+    def _take_pulse(self, message: PointStamped) -> None:
+        self._pulses_since_tick = getattr(self, "_pulses_since_tick", 0) + 1
+        at = (nanoseconds_of(message.header.stamp) - self._zero) / 1e9
+        problem = self.queue.offer(self.simulation.time, at, message.point.x, message.point.y)
+        if problem:
+            self._refuse(f"drive pulse {problem}")
+        elif self.model.drive != "pulses":
+            self._refuse("drive pulses have no effect with drive: averaged; start sim with drive: pulses")
+        if self._options["lockstep"]:
+            self._go_on()
+
+    def _refuse(self, message: str) -> None:
+        self.get_logger().warning(message, throttle_duration_sec=2.0)
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self.paused = request.data
+        self._resume()
+        if self._options["lockstep"] and not self.paused:
+            self._go_on()
+        response.success, response.message = True, "paused" if self.paused else "running"
+        return response
+
+    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self.paused:
+            response.success, response.message = False, "not paused: call pause with data: true first"
+            return response
+        response.success = self._tick()
+        response.message = f"at {self.simulation.time:.6f} s"
+        return response
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.simulation.reset()
+        self.sensors.restart()
+        self._restart_time()
+        response.success, response.message = True, "at the initial state, 0 s"
+        return response
+
+    def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
+        values = {p.name: p.value for p in changed}
+        try:
+            model = self.model.with_changes(*self._split({n: v for n, v in values.items() if n in self._in_model}))
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.model = self.sensors.model = model
+        self.simulation.change(model)
+        self._options.update(values)
+        self.sensors.values.update({n: v for n, v in values.items() if n.startswith("measured.")})
+        if "speed_factor" in values:
+            self._resume()
+        return SetParametersResult(successful=True)
+
+    def _split(self, values: dict[str, float]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+        """Changed values as the model's own and the effects' (all of them, the changed ones in place)."""
+        own = {n: v for n, v in values.items() if n in PARAMETERS}
+        effects = {name: dict(parameters) for name, parameters in self.model.effects.items()}
+        for name, value in values.items():
+            effect, dot, parameter = name.rpartition(".")
+            if dot:
+                effects[effect][parameter] = value
+        return own, effects
+
+    # -- what it says ---------------------------------------------------------------------------------------------
+
+    def _force_effects(self) -> list[str]:
+        return [name for name in self.model.effects if ":" not in name]
+
+    def _say_what_runs(self) -> None:
+        effects = ", ".join(self.model.effects) or "none"
+        mode = "in lockstep" if self._options["lockstep"] else f"at {self._options['speed_factor']:g} × real time"
+        self.get_logger().info(
+            f"{self.model.dof} degrees of freedom, drive: {self.model.drive}, effects: {effects}; "
+            f"{self._options['rate']:g} Hz {mode}"
+        )
+
+    def _diagnose(self) -> None:
+        queue = self.queue
+        self._diagnostics.publish(
+            {
+                "deadline misses": self.deadline_misses,
+                "late pulses": queue.late,
+                "refused pulses": queue.refused,
+                "contacts": self.contacts,
+            },
+            {
+                "simulated time (s)": f"{self.simulation.time:.3f}",
+                "fired pulses": queue.fired,
+                "in contact": self._in_contact,
+                "paused": self.paused,
+            },
+        )
+        if not self._two_simulators and self.count_publishers("pose") > 1:
+            self._two_simulators = True
+            self.get_logger().warning(
+                "another node publishes pose in this namespace: two simulators on one domain? "
+                "Give one of them its own ROS_DOMAIN_ID, or a namespace with --ros-args -r __ns:=/other"
+            )
+
+
+def _plain(value: object) -> object:
+    """A parameter's value as YAML would give it (rclpy hands out arrays)."""
+    return list(value) if hasattr(value, "typecode") or isinstance(value, tuple) else value
+
+
+def main(args: list[str] | None = None) -> int:
+    return run(SimNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

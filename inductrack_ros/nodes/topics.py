@@ -1,0 +1,202 @@
+"""What the simulator publishes: one place for topic names, message types and how each is filled (axes: `frames`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PointStamped, PoseStamped, TransformStamped, TwistStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, Range
+from visualization_msgs.msg import Marker, MarkerArray
+
+from .. import frames
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
+from .drive import Pulse
+from .sensors import SENSORS
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # not among the PyPI wheels
+    TFMessage = None
+
+DEPTH = 1000  # so that a recorder may be busy for a second
+NEWTON_METRES = 0.002  # length of a force arrow in m per N
+_COLOURS = {"lift": (0.1, 0.5, 1.0), "drag": (1.0, 0.3, 0.1), "thrust": (0.1, 0.8, 0.2), "total": (0.1, 0.1, 0.1)}
+_OTHER_COLOUR = (0.6, 0.2, 0.8)
+
+
+def stamp_of(nanoseconds: int) -> Time:
+    """Nanoseconds as a message's stamp."""
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def nanoseconds_of(stamp: Time) -> int:
+    """A message's stamp in nanoseconds."""
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+class _Axes:
+    """Fills the fields of messages."""
+
+    @staticmethod
+    def vector(into: object, values: Iterable[float]) -> None:
+        into.x, into.y, into.z = map(float, values)
+
+    @staticmethod
+    def pose(into: object, coordinates: np.ndarray) -> None:
+        position, orientation = frames.coordinates_to_pose(coordinates)
+        _Axes.vector(into.position, position)
+        into.orientation.x, into.orientation.y, into.orientation.z, into.orientation.w = orientation.tolist()
+
+    @staticmethod
+    def twist(into: object, linear: np.ndarray, angular: np.ndarray) -> None:
+        _Axes.vector(into.linear, linear)
+        _Axes.vector(into.angular, angular)
+
+
+class SimulatorTopics:
+    """Publishers of the `sim` node, all below its namespace but /clock, /tf."""
+
+    def __init__(
+        self, node: Node, effects: Iterable[str], track_frame: str, cradle_frame: str, clock: bool, reliability: str
+    ) -> None:
+        reliable = ReliabilityPolicy.RELIABLE if reliability == "reliable" else ReliabilityPolicy.BEST_EFFORT
+        qos = QoSProfile(depth=DEPTH, reliability=reliable)
+
+        def publisher(kind: type, name: str):
+            return node.create_publisher(kind, name, qos)
+
+        self._frames = track_frame, cradle_frame
+        self._clock = publisher(Clock, "/clock") if clock else None
+        self._tf = publisher(TFMessage, "/tf") if TFMessage else None
+        self._pose = publisher(PoseStamped, "pose")
+        self._twist = publisher(TwistStamped, "twist")
+        self._odometry = publisher(Odometry, "odometry")
+        self._gaps = {gap: publisher(Range, gap) for gap in GAPS}
+        parts = ("lift", "slip", "drag", "thrust", "contact", "weight", *effects, "total")
+        self._wrenches = {part: publisher(WrenchStamped, f"wrench/{part}") for part in parts}
+        self._forces = publisher(MarkerArray, "forces")
+        self._fired = publisher(PointStamped, "fired_pulses")
+        kinds = {"pose": PoseStamped, "twist": TwistStamped, "imu": Imu, **dict.fromkeys(GAPS, Range)}
+        self._measured = {name: publisher(kinds[name], f"measured/{name}") for name in SENSORS}
+
+    def _new(self, kind: type, stamp: Time, frame: str | None = None):
+        message = kind()
+        message.header.stamp = stamp
+        message.header.frame_id = frame or self._frames[0]
+        return message
+
+    def clock(self, stamp: Time) -> None:
+        if self._clock:
+            self._clock.publish(Clock(clock=stamp))
+
+    def state(self, stamp: Time, x: np.ndarray) -> None:
+        """Pose and twist, both in the track's axes."""
+        self._pose.publish(self._pose_message(stamp, x[:4]))
+        self._twist.publish(self._twist_message(stamp, x[4:8]))
+
+    def details(self, stamp: Time, x: np.ndarray, truth: Mapping[str, float], wrenches: Mapping[str, np.ndarray]) -> None:
+        """What is wanted less often: odometry, gaps, forces apart, arrows, transform."""
+        odometry = self._new(Odometry, stamp)
+        odometry.child_frame_id = self._frames[1]
+        _Axes.pose(odometry.pose.pose, x[:4])
+        _Axes.twist(odometry.twist.twist, *frames.rates_to_body_twist(x[4:8], x[3]))
+        self._odometry.publish(odometry)
+        for gap, to in self._gaps.items():
+            to.publish(self._gap_message(stamp, gap, truth[gap]))
+        parts = _lift_and_slip(wrenches)
+        for name, publisher in self._wrenches.items():
+            if name in parts:
+                message = self._new(WrenchStamped, stamp)
+                force, torque = frames.force_to_wrench(parts[name])
+                _Axes.vector(message.wrench.force, force)
+                _Axes.vector(message.wrench.torque, torque)
+                publisher.publish(message)
+        if self._forces.get_subscription_count():
+            self._forces.publish(self._arrows(stamp, x, parts))
+        if self._tf:
+            transform = self._new(TransformStamped, stamp)
+            transform.child_frame_id = self._frames[1]
+            position, orientation = frames.coordinates_to_pose(x[:4])
+            _Axes.vector(transform.transform.translation, position)
+            rotation = transform.transform.rotation
+            rotation.x, rotation.y, rotation.z, rotation.w = orientation.tolist()
+            self._tf.publish(TFMessage(transforms=[transform]))
+
+    def measured(self, stamp: Time, sensor: str, reading: Mapping[str, float], roll: float, gravity: float) -> None:
+        """One sensor's sample; `roll` (rad) is the cradle's, which an Imu turns with."""
+        values = np.array([reading[c] for c in SENSORS[sensor]])
+        if sensor == "pose":
+            message = self._pose_message(stamp, values)
+        elif sensor == "twist":
+            message = self._twist_message(stamp, values)
+        elif sensor == "imu":
+            message = self._new(Imu, stamp, self._frames[1])
+            message.orientation_covariance[0] = message.angular_velocity_covariance[0] = -1.0  # not measured
+            specific_force = frames.accelerations_to_specific_force(values, roll, gravity)
+            _Axes.vector(message.linear_acceleration, specific_force)
+        else:
+            message = self._gap_message(stamp, sensor, reading[sensor])
+        self._measured[sensor].publish(message)
+
+    def fired(self, stamp: Time, pulse: Pulse) -> None:
+        self._fired.publish(pulse_message(stamp, pulse.coil, pulse.current, self._frames[0]))
+
+    def _pose_message(self, stamp: Time, coordinates: np.ndarray) -> PoseStamped:
+        message = self._new(PoseStamped, stamp)
+        _Axes.pose(message.pose, coordinates)
+        return message
+
+    def _twist_message(self, stamp: Time, rates: np.ndarray) -> TwistStamped:
+        message = self._new(TwistStamped, stamp)
+        _Axes.twist(message.twist, *frames.rates_to_twist(rates))
+        return message
+
+    def _gap_message(self, stamp: Time, gap: str, value: float) -> Range:
+        message = self._new(Range, stamp, gap)
+        message.radiation_type = Range.INFRARED  # the nearest kind the message knows
+        message.range = float(value)  # no limits declared: in contact a gap is slightly negative
+        return message
+
+    def _arrows(self, stamp: Time, x: np.ndarray, parts: Mapping[str, np.ndarray]) -> MarkerArray:
+        position, _ = frames.coordinates_to_pose(x[:4])
+        array = MarkerArray()
+        for number, (name, part) in enumerate(parts.items()):
+            force, _ = frames.force_to_wrench(part)
+            arrow = self._new(Marker, stamp)
+            arrow.ns, arrow.id, arrow.type = name, number, Marker.ARROW
+            tip = position + NEWTON_METRES * force
+            arrow.points = [Point(x=float(a), y=float(b), z=float(c)) for a, b, c in (position, tip)]
+            arrow.scale.x, arrow.scale.y, arrow.scale.z = 0.01, 0.02, 0.03
+            arrow.color.r, arrow.color.g, arrow.color.b = _COLOURS.get(name, _OTHER_COLOUR)
+            arrow.color.a = 1.0
+            array.markers.append(arrow)
+        return array
+
+
+def pulse_message(stamp: Time, coil: int, current: float, frame: str = "track") -> PointStamped:
+    """A drive pulse: stamp = start of the half sine, x = coil, y = signed current (A)."""
+    message = PointStamped()
+    message.header.stamp = stamp
+    message.header.frame_id = frame
+    message.point.x, message.point.y = float(coil), float(current)
+    return message
+
+
+def channels(x: np.ndarray, quantities: Mapping[str, float]) -> dict[str, float]:
+    """Every channel a sensor may read, from the state and the model's named quantities."""
+    truth = dict(zip((*COORDINATES, *RATES), x[:8].tolist(), strict=True))
+    return truth | {name: quantities[name] for name in (*GAPS, *ACCELERATIONS)}
+
+
+def _lift_and_slip(wrenches: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The magnets' lift and slip apart; the roll moment stays with the lift."""
+    both = wrenches["lift"]
+    slip = np.array([0.0, both[1], 0.0, 0.0])
+    return {"lift": both - slip, "slip": slip, **{n: w for n, w in wrenches.items() if n != "lift"}}
