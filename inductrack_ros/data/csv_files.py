@@ -19,8 +19,6 @@ from .measurement import Array, Run
 
 TIME = "time"
 
-_EMPTY_CELL = re.compile(r"(?<![^,\n])(?=,)|(?<=,)(?=\n|\Z)")
-
 
 def read_csv(file: str | Path, name: str | None = None) -> Run:
     """Read one run from a CSV.
@@ -130,7 +128,7 @@ def _split_header(file: Path, text: str) -> tuple[list[str], str]:
 def _parse(file: Path, header: list[str], body: str) -> Array:
     """Table (n, len(header)); empty cells are NaN. numpy's fast reader first, ours where it gives up."""
     for fill in (False, True):
-        text = _EMPTY_CELL.sub("nan", body) if fill else body
+        text = _fill(body) if fill else body
         try:
             table = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, ndmin=2) if body.strip() else None
         except ValueError:
@@ -140,6 +138,11 @@ def _parse(file: Path, header: list[str], body: str) -> Array:
         break
     rows = [row for _, row in _rows(file, header, body)]
     return np.array(rows, float).reshape(len(rows), len(header))
+
+
+def _fill(body: str) -> str:
+    """Write `nan` into empty cells, all but a row's first."""
+    return (body + "\n").replace(",,", ",nan,").replace(",,", ",nan,").replace(",\n", ",nan\n")
 
 
 def _rows(file: Path, header: list[str], body: str) -> Iterator[tuple[int, list[float]]]:

@@ -9,20 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.model import Pulses
+
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Pulses:
-    """Drive pulses that were fired, in the order of time.
-
-    times: (p,) start of each half sine, s on the run's clock (the first sample is 0; earlier pulses are negative)
-    coils: (p,) coil index;  currents: (p,) signed peak current, A
-    """
-
-    times: Array
-    coils: NDArray[np.int64]
-    currents: Array
 
 
 @dataclass(frozen=True)
@@ -37,7 +26,8 @@ class Run:
     stamps: (n,) time as the file has it: float seconds (CSV) or whole nanoseconds (bag: a float would lose 0.2 µs)
     drive_current: A; 0 is coasting
     initial_state: what is known of the state at time 0, by name; the rest is to be estimated
-    pulses: the drive, where the bag holds the pulses that were fired; None: `drive_current` and the averaged law
+    pulses: the drive, where the bag holds the pulses that were fired, in the order of time on the run's clock (earlier
+        than the first sample is negative); None: `drive_current` and the averaged law
     """
 
     name: str
