@@ -158,12 +158,13 @@ def declarations(model: Model, free: Sequence[str]) -> list[Parameter]:
 class Fit:
     """Best values of the free parameters (p,), and what the data say about them.
 
-    ``misfit`` is the sum of squared residuals; ``covariance`` (p, p) is that of the linearised problem at the best values; ``noise`` multiplies
+    ``jacobian`` (n, p) is that of the residuals; ``misfit`` is the sum of their squares; ``covariance`` (p, p) is that of the linearised problem at the best values; ``noise`` multiplies
     the residuals' unit (1 where the noise was known). ``nelder_mead`` (p,) is the paper's method's answer to the same question.
     """
 
     free: tuple[str, ...]
     values: Array
+    jacobian: Array
     covariance: Array
     misfit: float
     noise: float
@@ -215,39 +216,65 @@ class Identification:
         r = self.misfit(u * self.unit)
         return np.where(np.isfinite(r), r, 1e12)
 
-    def _least_squares(self, u: Array, moving: Array) -> tuple[Array, Array, Array]:
-        """Minimise over the coordinates ``moving`` (p,) bool from u; returns u, the residuals and the Jacobian (n, moving)."""
-        if not moving.any():
-            r = self._residuals(u)
-            return u, r, np.zeros((len(r), 0))
+    def _least_squares(self, u: Array, precise: bool = True) -> tuple[Array, Array, Array]:
+        """Minimise over all coordinates from u; returns u, the residuals (n,) and the Jacobian (n, p)."""
+        inside = np.clip(u, self.low + 1e-9, self.high - 1e-9)
+        found = optimize.least_squares(
+            self._residuals, inside, jac="3-point" if precise else "2-point", diff_step=1e-5 if precise else 1e-6,
+            bounds=(self.low, self.high), xtol=1e-10, ftol=1e-10, gtol=1e-14, max_nfev=60,
+        )  # fmt: skip
+        return found.x, found.fun, found.jac
 
+    def _held(self, u: Array, held: int, jacobian: Array, tolerance: float) -> tuple[Array, float]:
+        """Minimise over all coordinates but ``held``; returns u and the misfit, the latter good to ``tolerance``.
+
+        Gauss–Newton with the Jacobian (n, p) of a point near by, which costs one simulation a step; where that does
+        not go down, a full least-squares fit.
+        """
+        moving = np.arange(len(u)) != held
+        r = self._residuals(u)
+        for _ in range(8):
+            if not moving.any():
+                break
+            step = np.linalg.lstsq(jacobian[:, moving], -r, rcond=None)[0]
+            if np.sum((jacobian[:, moving] @ step) ** 2) < tolerance:
+                break
+            there = u.copy()
+            there[moving] = np.clip(u[moving] + step, self.low[moving], self.high[moving])
+            r_there = self._residuals(there)
+            if not r_there @ r_there < r @ r:
+                return self._held_slowly(u, moving)
+            u, r = there, r_there
+        else:
+            return self._held_slowly(u, moving)
+        return u, float(r @ r)
+
+    def _held_slowly(self, u: Array, moving: Array) -> tuple[Array, float]:
         def partial(v: Array) -> Array:
             full = u.copy()
             full[moving] = v
             return self._residuals(full)
 
         inside = np.clip(u[moving], self.low[moving] + 1e-9, self.high[moving] - 1e-9)
-        found = optimize.least_squares(
-            partial, inside, jac="3-point", diff_step=1e-5, bounds=(self.low[moving], self.high[moving]),
-            xtol=1e-11, ftol=1e-12, gtol=1e-14, max_nfev=60,
-        )  # fmt: skip
+        found = optimize.least_squares(partial, inside, bounds=(self.low[moving], self.high[moving]), diff_step=1e-6, max_nfev=40)
         best = u.copy()
         best[moving] = found.x
-        return best, found.fun, found.jac
+        return best, float(2 * found.cost)
 
     def fit(self, nelder_mead: bool = True) -> Fit:
         """Fit by least squares, and by Nelder–Mead from the same start unless told not to. Raises `InputError` where data cannot decide at all."""
         u0 = self.start / self.unit
-        everything = np.ones(len(u0), bool)
-        best, residuals, jacobian = self._least_squares(u0, everything)
+        rough, _, _ = self._least_squares(u0, precise=False)
+        best, residuals, jacobian = self._least_squares(rough)
         counts = {"least squares": self.evaluations}
         simplex = None
         if nelder_mead:
             self.evaluations = 0
             simplex = self._nelder_mead(u0)
             counts["Nelder–Mead"] = self.evaluations
-            other, r, j = self._least_squares(simplex, everything)
-            if r @ r < residuals @ residuals * (1 - 1e-9):  # the simplex looked farther and found better
+            noise_floor = 1.0 if self.misfit.noise_known else 0.0
+            other, r, j = self._least_squares(simplex)
+            if r @ r < residuals @ residuals - 1e-4 * (r @ r + noise_floor):  # the simplex looked farther: another minimum
                 best, residuals, jacobian = other, r, j
         degrees = len(residuals) - len(best)
         if degrees < 0 or (degrees == 0 and not self.misfit.noise_known):
@@ -257,7 +284,7 @@ class Identification:
         normal = jacobian.T @ jacobian
         unit = np.outer(self.unit, self.unit)
         return Fit(
-            self.misfit.free, best * self.unit, np.linalg.pinv(normal, hermitian=True) * unit * noise**2, float(residuals @ residuals), noise,
+            self.misfit.free, best * self.unit, jacobian / self.unit, np.linalg.pinv(normal, hermitian=True) * unit * noise**2, float(residuals @ residuals), noise,
             degrees, self.misfit.noise_known, residuals, self.start,
             None if simplex is None else simplex * self.unit, counts,
         )  # fmt: skip
@@ -269,26 +296,30 @@ class Identification:
             simplex = np.vstack([u, u + size * np.diag(np.where(u != 0, u, 1.0))])
             found = optimize.minimize(
                 lambda v: float(np.sum(self._residuals(np.clip(v, self.low, self.high)) ** 2)), u, method="Nelder-Mead",
-                options={"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12, "maxiter": 400, "maxfev": 600},
+                options={"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-8, "maxiter": 300, "maxfev": 500},
             )  # fmt: skip
-            moved = np.max(np.abs(found.x - u) / np.maximum(np.abs(u), 1e-12))
-            u, size = found.x, 0.02
-            if found.success and (moved < 1e-6 or best - found.fun <= 1e-9 * found.fun):
+            moved, u = np.max(np.abs(found.x - u)), found.x
+            if found.success and (moved < 1e-6 or best - found.fun <= 1e-7 * max(found.fun, 1.0)):
                 break
-            best = found.fun
+            best, size = found.fun, 0.02
         return np.clip(u, self.low, self.high)
 
     # -- how well ----------------------------------------------------------------------------------------------
 
     def rise(self, fit: Fit, name: str, value: float, near: Array | None = None) -> tuple[float, Array]:
         """How much the least misfit rises when ``name`` is held at ``value``, and where the others (all, (p,)) then are."""
-        u = (fit.values if near is None else near) / self.unit
         i = fit.free.index(name)
-        u = u.copy()
+        if near is None:
+            near = self._along(fit, i, fit.values, value - fit.values[i])
+        u = near / self.unit
         u[i] = value / self.unit[i]
-        moving = np.arange(len(u)) != i
-        best, r, _ = self._least_squares(u, moving)
-        return float(r @ r) - fit.misfit, best * self.unit
+        best, misfit = self._held(u, i, fit.jacobian * self.unit, 1e-5 * fit.threshold)
+        return misfit - fit.misfit, best * self.unit
+
+    def _along(self, fit: Fit, i: int, values: Array, change: float) -> Array:
+        """Where the linearised valley leads from ``values`` when parameter i moves by ``change``."""
+        there = values + fit.covariance[:, i] / max(fit.covariance[i, i], 1e-300) * change
+        return np.clip(there, self.low * self.unit, self.high * self.unit)
 
     def covers(self, fit: Fit, name: str, value: float) -> bool:
         """Whether ``value`` lies in the 95 % profile-likelihood interval of ``name``, without computing the interval's ends."""
@@ -308,10 +339,7 @@ class Identification:
                 value = float(np.clip(last + sign * step, declared.low, declared.high))
                 if value == last:
                     break
-                # Others start where the linearised valley leads, so that the inner fit has little to do.
-                lead = near + fit.covariance[:, i] / max(fit.covariance[i, i], 1e-300) * (value - last)
-                lead = np.clip(lead, self.low * self.unit, self.high * self.unit)
-                rise, near = self.rise(fit, name, value, lead)
+                rise, near = self.rise(fit, name, value, self._along(fit, i, near, value - last))
                 found.append((value, max(rise, 0.0), near))
                 last = value
                 if rise > 1.6 * limit:
