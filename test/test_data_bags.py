@@ -188,6 +188,9 @@ def test_measured_topics_go_before_the_simulators_truth(tmp_path):
     run = read_bag(record(tmp_path / "bag", topics))
     assert run.channels == COORDINATES  # a rig that measures no twist is not given the true one
     assert run["surge"].tolist() == [7, 8]
+    # Sensors that are switched off have topics without messages.
+    run = read_bag(record(tmp_path / "off", topics | {"/inductrack/measured/pose": POSE}))
+    assert run.channels == STATES
 
 
 def test_a_topic_can_be_left_out(tmp_path):

@@ -197,7 +197,10 @@ def _read_streams(path: Path, topics: Mapping[str, str | None]) -> dict[str, _St
         for file in source.glob("*.db3") if source.is_dir() else [source]:
             _check_length(file)
         with Reader(source) as reader:
-            wanted = _choose(path, topics, {c.topic: c.msgtype for c in reader.connections})
+            # A sensor that is switched off may still have its topic in the bag, without messages.
+            measured = any(c.topic.startswith(MEASURED) and c.msgcount for c in reader.connections)
+            present = {c.topic: c.msgtype for c in reader.connections}
+            wanted = _choose(path, topics, present, MEASURED if measured else TRUTH)
             recorded = _read_messages(path, reader, set(wanted.values()))
             return {
                 key: _checked(path, key, recorded[topic])
@@ -245,9 +248,8 @@ def _check_length(file: Path) -> None:
             raise EOFError("its end is missing")
 
 
-def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, str]) -> dict[str, str]:
+def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, str], prefix: str) -> dict[str, str]:
     """Topic to read for each key, those that are in the bag; `present` is the type of every topic."""
-    prefix = MEASURED if any(topic.startswith(MEASURED) for topic in present) else TRUTH
     wanted: dict[str, str] = {}
     for key, msgtype in TYPES.items():
         asked = topics.get(key)
