@@ -9,6 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from ..core.errors import InputError, did_you_mean
+from ..core.model import DRIVES
 from ..core.parameters import Parameter
 
 #: Parameters that rclpy itself declares.
@@ -41,6 +42,14 @@ class Option:
             raise InputError(f"{place}{name} = {value} is out of range; it must lie in [{self.low}, {self.high}]")
         return value
 
+
+#: What a model is made of besides its numbers.
+MODEL_OPTIONS = {
+    "dof": Option(4, "degrees of freedom: 1 (heave), 2 (surge, heave) or 4", low=1, high=4),
+    "drive": Option("averaged", "thrust by the averaged law, or by the pulses on drive_pulses", DRIVES),
+    "effects": Option([""], "effects that are on, e.g. aerodynamic_drag"),
+    "effect_files": Option([""], "Python files with effects of your own"),
+}
 
 Declared = Mapping[str, Parameter | Option]
 

@@ -14,22 +14,16 @@ from std_msgs.msg import UInt64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from ..core.errors import InputError
-from ..core.model import DRIVES, Model
+from ..core.model import Model
 from ..core.parameters import PARAMETERS, Parameter
 from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
-from .parameters import Option, declare, given, refuse_unknown
+from .parameters import MODEL_OPTIONS, Option, declare, given, refuse_unknown
 from .runtime import NAMESPACE, run
 from .simulation import Simulation, parse_initial_state
 from .topics import DEPTH, SimulatorTopics, channels, nanoseconds_of, stamp_of
 
-MODEL_OPTIONS = {
-    "dof": Option(4, "degrees of freedom: 1 (heave), 2 (surge, heave) or 4", low=1, high=4),
-    "drive": Option("averaged", "thrust by the averaged law, or by the pulses on drive_pulses", DRIVES),
-    "effects": Option([""], "effects that are on, e.g. aerodynamic_drag"),
-    "effect_files": Option([""], "Python files with effects of your own"),
-}
 OWN = {
     "rate": Parameter(500.0, "Hz", 1.0, 1000.0, "ticks to a simulated second; pose and twist are published at each"),
     "details_rate": Parameter(50.0, "Hz", 0.1, 1000.0, "how often odometry, gaps and wrenches are published"),
@@ -95,9 +89,7 @@ class SimNode(Node):
         self._restart_time()
         self._details_period = max(1, round(options["rate"] / options["details_rate"]))
         if options["lockstep"]:
-            self._pulses_since_tick = 0
-            self._answer: tuple[int, int] | None = None
-            self._asked_at = 0.0
+            self._expect_answer()
             self.create_subscription(UInt64MultiArray, "lockstep/done", self._take_answer, QoSProfile(depth=DEPTH))
             self.create_timer(0.1, self._look_after_lockstep)
         else:
@@ -113,7 +105,7 @@ class SimNode(Node):
     def _restart_time(self) -> None:
         """Simulated time begins anew (start, reset)."""
         self._zero = self.get_clock().now().nanoseconds if self._epoch is None else self._epoch
-        self._asked_for = -1
+        self._published = False  # the initial state, to begin with
         self._resume()
 
     def _resume(self) -> None:
@@ -128,8 +120,8 @@ class SimNode(Node):
         """Timer: advance as many ticks as real time asks for."""
         now = time.monotonic()
         rate, factor = self._options["rate"], self._options["speed_factor"]
-        if self.simulation.ticks == 0 and self._asked_for < 0:
-            self._publish()  # the initial state
+        if not self._published:
+            self._publish()
         if self.paused:
             return
         if now - self._last_wake > 2.0 / rate:
@@ -159,7 +151,7 @@ class SimNode(Node):
 
     def _publish(self) -> None:
         simulation, x = self.simulation, self.simulation.x
-        self._asked_for = simulation.ticks
+        self._published = True
         stamp = stamp_of(self._stamp_ns())
         self._topics.clock(stamp)
         self._topics.state(stamp, x)
@@ -182,45 +174,39 @@ class SimNode(Node):
         now = time.monotonic()
         if self.paused:
             return
-        if self._asked_for < 0 and self.count_publishers("lockstep/done"):
-            self._ask()
+        if not self._published and self.count_publishers("lockstep/done"):
+            self._expect_answer()
+            self._publish()
         elif now - self._asked_at > self._options["lockstep_timeout"]:
             self._asked_at = now
-            if self._asked_at and self._asked_for >= 0:
-                self.get_logger().warning(
-                    f"lockstep: no answer on lockstep/done to the pose at {self.simulation.time:.3f} s "
-                    f"for {self._options['lockstep_timeout']:g} s; is the controller running?"
-                )
-            else:
-                self.get_logger().warning("lockstep: waiting for a controller that publishes lockstep/done")
+            self.get_logger().warning(
+                f"lockstep: no answer on lockstep/done to the pose at {self.simulation.time:.3f} s "
+                f"for {self._options['lockstep_timeout']:g} s; is the controller running, with lockstep: true?"
+            )
 
-    def _ask(self) -> None:
+    def _expect_answer(self) -> None:
         self._pulses_since_tick = 0
-        self._answer = None
+        self._answer: int | None = None  # pulses the controller says it sent
         self._asked_at = time.monotonic()
-        self._publish()
 
     def _take_answer(self, message: UInt64MultiArray) -> None:
         """`[stamp of the pose answered (ns), number of pulses sent in answer]`"""
         if len(message.data) != 2:
             self._refuse("lockstep/done must hold [stamp of the pose (ns), pulses sent in answer to it]")
         elif message.data[0] == self._stamp_ns():
-            self._answer = int(message.data[0]), int(message.data[1])
+            self._answer = int(message.data[1])
             self._go_on()
 
     def _go_on(self) -> None:
         """Next tick, once the answer and all the pulses it speaks of are here."""
-        if self.paused or self._answer is None or self._pulses_since_tick < self._answer[1]:
+        if self.paused or self._answer is None or self._pulses_since_tick < self._answer:
             return
-        self._pulses_since_tick = 0
-        self._answer = None
-        self._asked_at = time.monotonic()
+        self._expect_answer()
         self._tick()
 
     # -- what comes in --------------------------------------------------------------------------------------------
 
     def _take_pulse(self, message: PointStamped) -> None:
-        self._pulses_since_tick = getattr(self, "_pulses_since_tick", 0) + 1
         at = (nanoseconds_of(message.header.stamp) - self._zero) / 1e9
         problem = self.queue.offer(self.simulation.time, at, message.point.x, message.point.y)
         if problem:
@@ -228,6 +214,7 @@ class SimNode(Node):
         elif self.model.drive != "pulses":
             self._refuse("drive pulses have no effect with drive: averaged; start sim with drive: pulses")
         if self._options["lockstep"]:
+            self._pulses_since_tick += 1
             self._go_on()
 
     def _refuse(self, message: str) -> None:

@@ -1,0 +1,137 @@
+"""Which coil to fire, when, which way and how hard. Without ROS.
+
+Coils stand every half wavelength, wound in alternating sense: coil n at n λ/2 pushes forward hardest when the cradle's
+centre passes it, with a current of sign (−1)ⁿ. Half a wavelength passes in 3 ms at 15 m/s, so every command is sent
+ahead with the time at which its half sine begins, half a pulse before the predicted passage.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from .detectors import Edge
+from .drive import Pulse
+
+
+class Motion:
+    """Position and speed from photodiode edges; an edge that does not fit the motion is left out."""
+
+    KEPT = 12  # edges in the fit: 0.6 m at the default spacing
+    STRANGERS = 4  # so many misfits in a row, and it is the motion that was wrong
+
+    def __init__(self, width: float, latency: float, tolerance: float) -> None:
+        self._lead = 0.5 * width  # the edge comes when the flag's end is there, not the centre
+        self._latency = latency
+        self._tolerance = tolerance
+        self._edges: deque[tuple[float, float]] = deque(maxlen=self.KEPT)
+        self._strangers: list[tuple[float, float]] = []
+        self._fit: tuple[float, float, float, float] | None = None  # time, place, speed, acceleration
+        self.rejected = 0
+
+    def add(self, edge: Edge) -> None:
+        """Take one reported edge in."""
+        seen = edge.time - self._latency, edge.place - self._lead
+        if self._fit is not None and abs(self.place(seen[0]) - seen[1]) > self._tolerance:
+            self.rejected += 1
+            self._strangers.append(seen)
+            if len(self._strangers) < self.STRANGERS:
+                return
+            self._edges.clear()
+            self._edges.extend(self._strangers)
+        else:
+            self._edges.append(seen)
+        self._strangers.clear()
+        self._refit()
+
+    def _refit(self) -> None:
+        if len(self._edges) < 3:
+            return
+        times, places = np.array(self._edges).T
+        end = times[-1]
+        order = 2 if len(times) >= 6 else 1
+        coefficients = np.polynomial.polynomial.polyfit(times - end, places, order)
+        acceleration = 2.0 * coefficients[2] if order == 2 else 0.0
+        self._fit = float(end), float(coefficients[0]), float(coefficients[1]), float(acceleration)
+
+    @property
+    def known(self) -> bool:
+        """Whether there have been edges enough."""
+        return self._fit is not None
+
+    @property
+    def speed(self) -> float:
+        """Speed (m/s) at the newest edge."""
+        return self._fit[2] if self._fit else 0.0
+
+    def place(self, time: float) -> float:
+        """Predicted surge of the cradle's centre (m) at `time` (s)."""
+        t0, z0, v, a = self._fit
+        return z0 + (time - t0) * (v + 0.5 * a * (time - t0))
+
+    def passage(self, place: float) -> float:
+        """When the centre passes a place ahead (s), by two Newton steps from constant speed."""
+        t0, z0, v, a = self._fit
+        time = t0 + (place - z0) / v
+        for _ in range(2):
+            time -= (self.place(time) - place) / max(v + a * (time - t0), 0.1 * v)
+        return time
+
+
+class SpeedHold:
+    """Current that holds a speed: proportional and integral, within limits, the integral standing still at them."""
+
+    def __init__(self, speed: float, current: float, gain: float, integral_gain: float, limit: float) -> None:
+        self.speed = speed
+        self._gain, self._integral_gain, self._limit = gain, integral_gain, limit
+        self._integral = current
+        self._last: float | None = None
+
+    def current(self, time: float, speed: float) -> float:
+        """Amplitude (A) for a coil fired at `time` (s) while the cradle does `speed` (m/s)."""
+        error = self.speed - speed
+        passed = 0.0 if self._last is None else time - self._last
+        self._last = time
+        integral = self._integral + self._integral_gain * error * passed
+        asked = integral + self._gain * error
+        limited = min(max(asked, 0.0), self._limit)
+        if limited == asked:
+            self._integral = integral
+        return limited
+
+
+class FiringPlan:
+    """Turns edges into pulses: each coil once, `lead` seconds or less before its time."""
+
+    def __init__(
+        self, motion: Motion, coil_spacing: float, pulse_length: float, lead: float, minimum_speed: float
+    ) -> None:
+        self.motion = motion
+        self._spacing = coil_spacing
+        self._half_pulse = 0.5 * pulse_length
+        self._lead = lead
+        self._minimum_speed = minimum_speed
+        self._next_coil = 0
+
+    def pulses(self, now: float, amplitude: float | SpeedHold) -> list[Pulse]:
+        """Pulses to command now (s); the amplitude (A) is given, or asked of a `SpeedHold`."""
+        if not self.motion.known or self.motion.speed < self._minimum_speed:
+            return []
+        here = self.motion.place(now)
+        # The first coil whose pulse has not begun yet; never one that was fired already.
+        ahead = int(np.floor((here + self.motion.speed * self._half_pulse) / self._spacing)) + 1
+        if abs(ahead - self._next_coil) > 100:  # a new run, somewhere else
+            self._next_coil = ahead
+        coil = max(self._next_coil, ahead, 0)
+        commands = []
+        while True:
+            begin = self.motion.passage(coil * self._spacing) - self._half_pulse
+            if begin > now + self._lead:
+                break
+            current = amplitude.current(begin, self.motion.speed) if isinstance(amplitude, SpeedHold) else amplitude
+            if begin > now and current != 0.0:
+                commands.append(Pulse(begin, coil, current if coil % 2 == 0 else -current))
+            coil += 1
+        self._next_coil = coil
+        return commands

@@ -1,0 +1,134 @@
+"""`track_controller`: watches the photodiodes and fires the drive coils, each with the time at which to fire."""
+
+from __future__ import annotations
+
+import sys
+
+from geometry_msgs.msg import PointStamped, PoseStamped
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import UInt64MultiArray
+
+from ..core.parameters import PARAMETERS, Parameter
+from .detectors import Photodiodes
+from .diagnostics import PERIOD, Diagnostics
+from .firing import FiringPlan, Motion, SpeedHold
+from .parameters import MODEL_OPTIONS, Option, declare, given, refuse_unknown
+from .runtime import NAMESPACE, run
+from .topics import DEPTH, nanoseconds_of, pulse_message, stamp_of
+
+DECLARED = {
+    "mode": Option("current", "fire at a given current, or hold a speed", ("current", "speed")),
+    "drive_current": PARAMETERS["drive_current"],
+    "target_speed": Parameter(15.0, "m/s", 0.1, 500.0, "speed to hold in mode speed"),
+    "gain": Parameter(800.0, "A·s/m", 0.0, 1e6, "current for each m/s that is missing"),
+    "integral_gain": Parameter(800.0, "A/m", 0.0, 1e6, "growth of the current for each m/s that is missing"),
+    "max_current": Parameter(14000.0, "A", 0.0, 1e6, "the controller asks for no more"),
+    "min_speed": Parameter(1.0, "m/s", 0.01, 100.0, "no coil is fired below this speed"),
+    "lead": Parameter(0.008, "s", 1e-3, 0.5, "how long before its firing a pulse is commanded; cover the round trip"),
+    "lockstep": Option(False, "answer every pose on lockstep/done, for a simulator in lockstep"),
+    "wavelength": PARAMETERS["wavelength"],
+    "pulse_length": PARAMETERS["pulse_length"],
+    "detectors.spacing": Parameter(0.05, "m", 1e-3, 10.0, "distance of the photodiodes along the track"),
+    "detectors.width": Parameter(0.02, "m", 0.0, 1.0, "length of the flag that darkens them"),
+    "detectors.latency": Parameter(0.0, "s", 0.0, 0.1, "how late a photodiode reports"),
+    "detectors.assumed_latency": Parameter(0.0, "s", 0.0, 0.1, "what the controller takes that latency for"),
+    "detectors.failed": Option([-1], "numbers of photodiodes that never report; [-1] is none"),
+    "detectors.false_rate": Parameter(0.0, "1/s", 0.0, 1e4, "reports that come from nothing"),
+    "detectors.seed": Option(0, "seed of the false reports"),
+}
+LIVE = {"drive_current", "target_speed"}
+
+
+class TrackController(Node):
+    """Pose → photodiode edges → drive pulses."""
+
+    def __init__(self) -> None:
+        super().__init__("track_controller", namespace=NAMESPACE, automatically_declare_parameters_from_overrides=True)
+        start = given(self)
+        refuse_unknown({n: v for n, v in start.items() if not _of_the_model(n)}, DECLARED, self)
+        self._options = declare(self, DECLARED, LIVE)
+        self._begin()
+        self._sent = 0
+        options = self._options
+        self._pulses = self.create_publisher(PointStamped, "drive_pulses", QoSProfile(depth=DEPTH))
+        self._done = None
+        if options["lockstep"]:
+            self._done = self.create_publisher(UInt64MultiArray, "lockstep/done", QoSProfile(depth=DEPTH))
+        # In lockstep every pose counts; else a lost one is better than a late one.
+        reliability = ReliabilityPolicy.RELIABLE if options["lockstep"] else ReliabilityPolicy.BEST_EFFORT
+        self.create_subscription(PoseStamped, "pose", self._take_pose, QoSProfile(depth=10, reliability=reliability))
+        self.add_on_set_parameters_callback(self._change_parameters)
+        self._diagnostics = Diagnostics(self, "firing")
+        self.create_timer(PERIOD, self._diagnose)
+        asked = (
+            f"{options['drive_current']:g} A" if options["mode"] == "current" else f"{options['target_speed']:g} m/s"
+        )
+        self.get_logger().info(f"firing for {asked}, {1e3 * options['lead']:g} ms ahead")
+
+    def _begin(self) -> None:
+        """A new run: nothing is known of the motion."""
+        options = self._options
+        self._photodiodes = Photodiodes(
+            options["detectors.spacing"], options["detectors.width"], options["detectors.latency"],
+            options["detectors.failed"], options["detectors.false_rate"], options["detectors.seed"],
+        )  # fmt: skip
+        self._motion = Motion(
+            options["detectors.width"], options["detectors.assumed_latency"], tolerance=0.25 * options["wavelength"]
+        )
+        self._plan = FiringPlan(
+            self._motion, 0.5 * options["wavelength"], options["pulse_length"], options["lead"], options["min_speed"]
+        )
+        self._hold = SpeedHold(
+            options["target_speed"], options["drive_current"], options["gain"], options["integral_gain"],
+            options["max_current"],
+        )  # fmt: skip
+        self._zero: int | None = None  # ns of the first pose; the times of this run are seconds since
+        self._newest = 0
+
+    def _take_pose(self, message: PoseStamped) -> None:
+        stamp = nanoseconds_of(message.header.stamp)
+        if self._zero is not None and stamp < self._newest:  # the simulator was reset
+            self._begin()
+        if self._zero is None:
+            self._zero = stamp
+        self._newest = stamp
+        now = (stamp - self._zero) / 1e9
+        for edge in self._photodiodes.see(now, message.pose.position.x):
+            self._motion.add(edge)
+        amplitude = self._options["drive_current"] if self._options["mode"] == "current" else self._hold
+        pulses = self._plan.pulses(now, amplitude)
+        for pulse in pulses:
+            at = stamp_of(self._zero + round(pulse.time * 1e9))
+            self._pulses.publish(pulse_message(at, pulse.coil, pulse.current))
+        self._sent += len(pulses)
+        if self._done:
+            self._done.publish(UInt64MultiArray(data=[stamp, len(pulses)]))
+
+    def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
+        for parameter in changed:
+            self._options[parameter.name] = parameter.value
+            if parameter.name == "target_speed":
+                self._hold.speed = parameter.value
+        return SetParametersResult(successful=True)
+
+    def _diagnose(self) -> None:
+        self._diagnostics.publish(
+            {"photodiode reports that do not fit": self._motion.rejected},
+            {"pulses sent": self._sent, "speed (m/s)": f"{self._motion.speed:.3f}"},
+        )
+
+
+def _of_the_model(name: str) -> bool:
+    """Whether a parameter is the model's: a parameter file for all nodes holds those too."""
+    return name in PARAMETERS or name in MODEL_OPTIONS or ("." in name and not name.startswith("detectors."))
+
+
+def main(args: list[str] | None = None) -> int:
+    return run(TrackController, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
