@@ -7,148 +7,20 @@ are fitted by the same lines: by least squares and by Nelder–Mead (the paper's
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, stats
 from scipy.interpolate import PchipInterpolator
 
-from ..core.errors import InputError, did_you_mean
-from ..core.model import Model
-from ..core.parameters import PARAMETERS, Parameter
+from ..core.errors import InputError
+from .misfits import Array, Misfit
 
-Array = NDArray[np.float64]
-
-DURATION = 2.0  # s, the time Figure 6 of the paper counts travel over
 LEVEL = 0.95  # of every interval stated here
 #: Past this relative half width of an interval, or without an end to it, the answer is called a flat valley.
 FLAT = 0.25
-COLUMNS = ("initial_speed", "travel", "duration", "drive_current", "std")
-
-
-# ---------------------------------------------------------------- travel distances
-
-
-@dataclass(frozen=True)
-class Travels:
-    """Distances (m) covered in ``duration`` (s) after a start at ``initial_speed`` (m/s) on the equilibrium heave; all (n,).
-
-    ``drive_current`` (A) and ``std`` (m, the distance's standard deviation) are NaN where unknown.
-    """
-
-    initial_speed: Array
-    travel: Array
-    duration: Array
-    drive_current: Array
-    std: Array
-
-    @classmethod
-    def of(cls, initial_speed, travel, duration=DURATION, drive_current=math.nan, std=math.nan) -> Travels:
-        """From numbers or sequences, each spread to the length of ``initial_speed``."""
-        n = len(initial_speed)
-        columns = (initial_speed, travel, duration, drive_current, std)
-        return cls(*(np.array(np.broadcast_to(np.asarray(c, float), (n,))) for c in columns))
-
-
-def read_travels(file: str | Path, duration: float = DURATION, std: float = math.nan) -> Travels:
-    """Read a CSV of pairs ``initial_speed,travel`` (m/s, m), with further columns of `COLUMNS` if wanted.
-
-    ``duration`` and ``std`` serve where the file has no such column. Raises `InputError` naming file and row.
-    """
-    file = Path(file)
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
-    rows = [(i, cells) for i, cells in enumerate(csv.reader(lines), start=1) if any(c.strip() for c in cells)]
-    header = [c.strip() for c in rows[0][1]] if rows else []
-    for name in header:
-        if name not in COLUMNS:
-            raise InputError(f"{file}, row 1: unknown column '{name[:40]}'{did_you_mean(name, COLUMNS)}")
-    for name in COLUMNS[:2]:
-        if header.count(name) != 1:
-            raise InputError(f"{file}, row 1: needs one column '{name}'; the header is initial_speed,travel, both in SI units")
-    table: dict[str, list[float]] = {name: [] for name in header}
-    for line, cells in rows[1:]:
-        if len(cells) != len(header):
-            raise InputError(f"{file}, row {line}: {len(cells)} cells where the header names {len(header)}; complete the row or delete it")
-        for name, cell in zip(header, cells, strict=True):
-            table[name].append(_cell(file, line, name, cell))
-    if len(rows) < 2:
-        raise InputError(f"{file}: no row of data under the header; add one initial speed and distance per row")
-    speeds = table.pop("initial_speed")
-    return Travels.of(speeds, **{"duration": duration, "std": std, **table})
-
-
-def _cell(file: Path, line: int, name: str, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    positive = name in ("initial_speed", "duration", "std")
-    if not math.isfinite(value) or (positive and value <= 0):
-        raise InputError(f"{file}, row {line}, column '{name}': {cell.strip()[:40]!r} is not a {'positive ' if positive else ''}number")
-    return value
-
-
-class TravelMisfit:
-    """Residuals of travel distances as a function of the free parameters' values.
-
-    ``std`` is the distances' standard deviation where the data state one; where they do not, residuals are in metres and the fit
-    estimates their common size.
-    """
-
-    def __init__(self, model: Model, free: Sequence[str], travels: Travels):
-        self.model, self.free, self.travels = model, tuple(free), travels
-        self.declared = declarations(model, self.free)
-        self.noise_known = bool(np.isfinite(travels.std).all())
-        if np.isfinite(travels.std).any() and not self.noise_known:
-            raise InputError("travel distances: std is given for some rows only; give it for all or for none")
-        self._scale = travels.std if self.noise_known else np.ones(len(travels.travel))
-        self._column = [model.kernel.parameters.index(name) for name in self.free]
-        self._shared = {name: getattr(model, name) for name in ("known_effects", "kernel", "switches", "moving")}
-
-    def at(self, values: Sequence[float]) -> Model:
-        """The model with the free parameters at ``values``; it shares the compiled kernel, for thousands of these are made."""
-        vector = self.model.vector.copy()
-        vector[self._column] = values
-        trial = replace(self.model)
-        trial.__dict__.update(self._shared, vector=vector)
-        return trial
-
-    def predict(self, values: Sequence[float]) -> Array:
-        """Distances (n,) in m."""
-        trial, t = self.at(values), self.travels
-        out = np.empty(len(t.travel))
-        for i, (speed, duration, current) in enumerate(zip(t.initial_speed, t.duration, t.drive_current, strict=True)):
-            start = trial.initial_state(surge_rate=speed)
-            run = trial.simulate(np.array([0.0, duration]), start, None if math.isnan(current) else current)
-            out[i] = run["surge"][-1]
-        return out
-
-    def __call__(self, values: Sequence[float]) -> Array:
-        """Residuals (n,), measured − predicted, over their standard deviation where that is known."""
-        return (self.travels.travel - self.predict(values)) / self._scale
-
-
-def declarations(model: Model, free: Sequence[str]) -> list[Parameter]:
-    """The declaration of each free parameter (``eta``, ``aerodynamic_drag.drag_area``). Raises `InputError` for an unknown one."""
-    known: dict[str, Parameter] = dict(PARAMETERS)
-    for name in model.effects:
-        item = model.known_effects[name.split(":")[0]]
-        if not item.of_channel:
-            known |= {f"{name}.{p}": declared for p, declared in item.parameters.items()}
-    for name in free:
-        if name not in known:
-            raise InputError(f"cannot fit '{name}'{did_you_mean(name, known)}")
-    if len(set(free)) != len(free) or not free:
-        raise InputError("free parameters: name each once, and at least one")
-    return [known[name] for name in free]
 
 
 # ---------------------------------------------------------------- fitting
@@ -193,17 +65,13 @@ class Fit:
         return float(self.noise**2 * stats.f.ppf(LEVEL, 1, self.degrees))
 
 
-Misfit = Callable[[Sequence[float]], Array]
-
-
 class Identification:
     """One question to the data: which values of ``misfit.free`` make ``misfit`` least?
 
-    ``misfit`` has ``free``, ``declared`` (a `Parameter` each) and ``noise_known`` besides being callable.
     Parameters are moved in units of their starting values, so that steps and tolerances are relative.
     """
 
-    def __init__(self, misfit, start: Sequence[float]):
+    def __init__(self, misfit: Misfit, start: Sequence[float]):
         self.misfit = misfit
         self.start = np.array(start, float)
         self.unit = np.array([abs(s) or d.typical or 1.0 for s, d in zip(self.start, misfit.declared, strict=True)])

@@ -1,0 +1,230 @@
+"""Misfits: residuals as a function of a few parameters' values, from travel distances, from time series, or from both."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError, did_you_mean
+from ..core.model import Model
+from ..core.parameters import PARAMETERS, Parameter
+from ..core.state import UNITS
+from ..data.campaign import Campaign
+from .fit import fit_from_scratch
+from .problem import STATE_PRIOR, Problem
+from .structure import Structure
+
+Array = NDArray[np.float64]
+
+DURATION = 2.0  # s, the time Figure 6 of the paper counts travel over
+COLUMNS = ("initial_speed", "travel", "duration", "drive_current", "std")
+
+
+class Misfit(Protocol):
+    """Residuals (n,) at the values (p,) of the parameters ``free``.
+
+    ``noise_known`` says whether residuals are over their standard deviation; where not, they share one that the fit estimates.
+    """
+
+    free: tuple[str, ...]
+    declared: list[Parameter]
+    noise_known: bool
+
+    def __call__(self, values: Sequence[float]) -> Array: ...
+
+
+# ---------------------------------------------------------------- travel distances
+
+
+@dataclass(frozen=True)
+class Travels:
+    """Distances (m) covered in ``duration`` (s) after a start at ``initial_speed`` (m/s) on the equilibrium heave; all (n,).
+
+    ``drive_current`` (A) and ``std`` (m, the distance's standard deviation) are NaN where unknown.
+    """
+
+    initial_speed: Array
+    travel: Array
+    duration: Array
+    drive_current: Array
+    std: Array
+
+    @classmethod
+    def of(cls, initial_speed, travel, duration=DURATION, drive_current=math.nan, std=math.nan) -> Travels:
+        """From numbers or sequences, each spread to the length of ``initial_speed``."""
+        n = len(initial_speed)
+        columns = (initial_speed, travel, duration, drive_current, std)
+        return cls(*(np.array(np.broadcast_to(np.asarray(c, float), (n,))) for c in columns))
+
+
+def read_travels(file: str | Path, duration: float = DURATION, std: float = math.nan) -> Travels:
+    """Read a CSV of pairs ``initial_speed,travel`` (m/s, m), with further columns of `COLUMNS` if wanted.
+
+    ``duration`` and ``std`` serve where the file has no such column. Raises `InputError` naming file and row.
+    """
+    file = Path(file)
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
+    rows = [(i, cells) for i, cells in enumerate(csv.reader(lines), start=1) if any(c.strip() for c in cells)]
+    header = [c.strip() for c in rows[0][1]] if rows else []
+    for name in header:
+        if name not in COLUMNS:
+            raise InputError(f"{file}, row 1: unknown column '{name[:40]}'{did_you_mean(name, COLUMNS)}")
+    for name in COLUMNS[:2]:
+        if header.count(name) != 1:
+            raise InputError(f"{file}, row 1: needs one column '{name}'; the header is initial_speed,travel, both in SI units")
+    table: dict[str, list[float]] = {name: [] for name in header}
+    for line, cells in rows[1:]:
+        if len(cells) != len(header):
+            raise InputError(f"{file}, row {line}: {len(cells)} cells where the header names {len(header)}; complete the row or delete it")
+        for name, cell in zip(header, cells, strict=True):
+            table[name].append(_cell(file, line, name, cell))
+    if len(rows) < 2:
+        raise InputError(f"{file}: no row of data under the header; add one initial speed and distance per row")
+    speeds = table.pop("initial_speed")
+    return Travels.of(speeds, **{"duration": duration, "std": std, **table})
+
+
+def _cell(file: Path, line: int, name: str, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    positive = name in ("initial_speed", "duration", "std")
+    if not math.isfinite(value) or (positive and value <= 0):
+        raise InputError(f"{file}, row {line}, column '{name}': {cell.strip()[:40]!r} is not a {'positive ' if positive else ''}number")
+    return value
+
+
+class TravelMisfit:
+    """Residuals of travel distances as a function of the free parameters' values.
+
+    ``std`` is the distances' standard deviation where the data state one; where they do not, residuals are in metres and the fit
+    estimates their common size.
+    """
+
+    def __init__(self, model: Model, free: Sequence[str], travels: Travels):
+        self.model, self.free, self.travels = model, tuple(free), travels
+        self.declared = declarations(model, self.free)
+        self.noise_known = bool(np.isfinite(travels.std).all())
+        if np.isfinite(travels.std).any() and not self.noise_known:
+            raise InputError("travel distances: std is given for some rows only; give it for all or for none")
+        self._scale = travels.std if self.noise_known else np.ones(len(travels.travel))
+        self._column = [model.kernel.parameters.index(name) for name in self.free]
+        self._shared = {name: getattr(model, name) for name in ("known_effects", "kernel", "switches", "moving")}
+
+    def at(self, values: Sequence[float]) -> Model:
+        """The model with the free parameters at ``values``; it shares the compiled kernel, for thousands of these are made."""
+        vector = self.model.vector.copy()
+        vector[self._column] = values
+        trial = replace(self.model)
+        trial.__dict__.update(self._shared, vector=vector)
+        return trial
+
+    def predict(self, values: Sequence[float]) -> Array:
+        """Distances (n,) in m."""
+        trial, t = self.at(values), self.travels
+        out = np.empty(len(t.travel))
+        for i, (speed, duration, current) in enumerate(zip(t.initial_speed, t.duration, t.drive_current, strict=True)):
+            start = trial.initial_state(surge_rate=speed)
+            run = trial.simulate(np.array([0.0, duration]), start, None if math.isnan(current) else current)
+            out[i] = run["surge"][-1]
+        return out
+
+    def __call__(self, values: Sequence[float]) -> Array:
+        """Residuals (n,), measured − predicted, over their standard deviation where that is known."""
+        return (self.travels.travel - self.predict(values)) / self._scale
+
+
+def declarations(model: Model, free: Sequence[str]) -> list[Parameter]:
+    """The declaration of each free parameter (``eta``, ``aerodynamic_drag.drag_area``). Raises `InputError` for an unknown one."""
+    known: dict[str, Parameter] = dict(PARAMETERS)
+    for name in model.effects:
+        item = model.known_effects[name.split(":")[0]]
+        if not item.of_channel:
+            known |= {f"{name}.{p}": declared for p, declared in item.parameters.items()}
+    for name in free:
+        if name not in known:
+            raise InputError(f"cannot fit '{name}'{did_you_mean(name, known)}")
+    if len(set(free)) != len(free) or not free:
+        raise InputError("free parameters: name each once, and at least one")
+    return [known[name] for name in free]
+
+
+# ---------------------------------------------------------------- time series
+
+
+class SeriesMisfit:
+    """Residuals over noise of every sample of a campaign, each run's initial state fitted beside the parameters.
+
+    The first fit, over growing horizons, finds parameters and initial states; after it, an initial state follows the parameters by two
+    Gauss–Newton steps with the derivatives taken there. ``start`` (p,) is what the first fit found.
+    """
+
+    noise_known = True
+
+    def __init__(self, campaign: Campaign, model: Model, free: Sequence[str]):
+        self.free = tuple(free)
+        self.declared = declarations(model, self.free)
+        self.campaign = campaign
+        sigma = {c: campaign.noise_std.get(c) or _noise(campaign, c) for c in campaign.channels}
+        self.problem = Problem(campaign, model, sigma)
+        self.structure = Structure(self.problem.model, self.free)
+        self.found = fit_from_scratch(self.problem, self.structure)
+        self.start = np.array([self.found.values[name] for name in self.free])
+        self._theta = self.found.theta
+        self._steps = []
+        for data, part in zip(self.problem.runs, self.found.linear, strict=True):
+            present = np.isfinite(part.residual) & np.isfinite(part.by_state).all(axis=1)
+            X = np.where(present[:, None], part.by_state, 0.0)
+            prior = STATE_PRIOR[data.free_states] ** -2.0
+            self._steps.append(np.linalg.solve(X.T @ X + np.diag(prior), X.T))
+        self._base = [np.array(s) for s in self.found.states]
+
+    def __call__(self, values: Sequence[float]) -> Array:
+        """Residuals (n,) of all runs in order; zero where the model has nothing to compare."""
+        theta = self.structure.encode(values)
+        states = [s.copy() for s in self._base]
+        for _ in range(2):
+            for data, state, step, r in zip(self.problem.runs, states, self._steps, self.problem.residuals(self.structure, theta, states), strict=True):
+                state[data.free_states] += step @ np.nan_to_num(r, nan=0.0, posinf=0.0, neginf=0.0)
+        return np.concatenate([np.where(np.isnan(r), 0.0, r) for r in self.problem.residuals(self.structure, theta, states)])
+
+
+def _noise(campaign: Campaign, channel: str) -> float:
+    """A channel's noise from third differences of its samples, which the motion hardly enters; the median over runs."""
+    found = []
+    for run in campaign.runs:
+        if channel in run.channels:
+            _, y = run.samples(channel)
+            if y.size > 8:
+                found.append(float(np.sqrt(np.mean(np.diff(y, 3) ** 2) / 20.0)))
+    if not found or np.median(found) <= 0:
+        raise InputError(f"{campaign.folder}: the noise of {channel} cannot be estimated; give noise_std: {{{channel}: …}} ({UNITS[channel]}) in campaign.yaml")
+    return float(np.median(found))
+
+
+class JointMisfit:
+    """Several misfits of the same parameters, one after the other; each must know its noise, or their weights would be arbitrary."""
+
+    noise_known = True
+
+    def __init__(self, parts: Sequence[Misfit]):
+        self.parts = tuple(parts)
+        self.free, self.declared = parts[0].free, parts[0].declared
+        if not all(p.noise_known for p in parts):
+            raise InputError("distances beside time series need their standard deviation: a column std in the CSV, or --std")
+        if any(p.free != self.free for p in parts):
+            raise InputError("the parts of a joint fit must free the same parameters")
+
+    def __call__(self, values: Sequence[float]) -> Array:
+        return np.concatenate([part(values) for part in self.parts])
