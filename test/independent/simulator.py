@@ -1,13 +1,18 @@
 """A second, independent implementation of the 4-DOF cradle, to test the package on data it did not make.
 
-Why: a diagnosis that is only tested on its own simulator cannot notice that simulator's mistakes. Nothing of `inductrack_ros` is imported here.
+Why: a diagnosis that is only tested on its own simulator cannot notice that simulator's mistakes. Nothing of
+`inductrack_ros` is imported here.
 
-Source: N. H. Kim and L. Ge, J. Vibration and Control 2012, doi 10.1177/1077546312438601; equation numbers are the paper's, as corrected in model.md.
+Source: N. H. Kim and L. Ge, J. Vibration and Control 2012, doi 10.1177/1077546312438601; equation numbers are the
+paper's, as corrected in model.md.
 Units: SI, radians. Axes: x lateral (left), y up, z forward, roll about z.
-State (10): 0 surge, 1 sway, 2 heave, 3 roll, 4..7 their rates, 8 and 9 the coil's lag current (real and imaginary, J = L I - flux, Wb).
+State (10): 0 surge, 1 sway, 2 heave, 3 roll, 4..7 their rates, 8 and 9 the coil's lag current (real and imaginary, J
+= L I - flux, Wb).
 
-The rig is one numpy record (see FIELDS): every effect is always in the formulas and is off at the value given in FIELDS.
+The rig is one numpy record (see FIELDS): every effect is always in the formulas and is off at the value given in
+FIELDS.
 """
+
 import math
 
 import numpy as np
@@ -100,7 +105,9 @@ NY = (1.0, -C, -C)
 
 
 def rig(**changes):
-    """A rig: the published one with `changes`, e.g. rig(eta=0.72, aerodynamic_drag__drag_area=0.02). One-element array of RIG_TYPE."""
+    """A rig: the published one with `changes`, e.g. rig(eta=0.72, aerodynamic_drag__drag_area=0.02). One-element
+    array of RIG_TYPE.
+    """
     unknown = set(changes) - set(FIELDS)
     if unknown:
         raise KeyError(f"no such field of the rig: {sorted(unknown)}")
@@ -144,7 +151,9 @@ def overlap(i, g, p):
 
 @njit(cache=True)
 def circuit(t, v, p):
-    """Field B0 (T), angular frequency omega (1/s), resistance and inductance now, with warming, skin effect and wrong constants."""
+    """Field B0 (T), angular frequency omega (1/s), resistance and inductance now, with warming, skin effect and wrong
+    constants.
+    """
     k = 2 * math.pi / p.wavelength
     f = k * abs(v) / (2 * math.pi)
     field = p.B0 * (1 - p.magnet_warming__rate * t)
@@ -289,10 +298,11 @@ def step(t, s, h, drive_current, p, k1, k2, k3, k4, trial):
 
 @njit(cache=True)
 def integrate(times, s0, drive_current, rigs, far_step, near_step, stop_at_contact, states):
-    """Fill states (n, 10) at `times` (ascending; those before 0 are integrated backwards). Returns the time of first contact (inf if none).
+    """Fill states (n, 10) at `times` (ascending; those before 0 are integrated backwards). Returns the time of first
+    contact (inf if none).
 
-    `far_step` is used while every gap is above 0.3 mm, `near_step` otherwise, so the kink of the contact force is met with short steps.
-    With stop_at_contact the rows after the first contact are NaN.
+    `far_step` is used while every gap is above 0.3 mm, `near_step` otherwise, so the kink of the contact force is met
+    with short steps. With stop_at_contact the rows after the first contact are NaN.
     """
     p = rigs[0]
     k1, k2, k3, k4, trial = np.empty(10), np.empty(10), np.empty(10), np.empty(10), np.empty(10)
@@ -358,7 +368,9 @@ def heave_force(heave, v, p):
 
 
 def equilibrium_heave(v, rigs):
-    """Heave (m) at which the averaged law of the published kind carries the weight at speed v; effects of the rig are left out."""
+    """Heave (m) at which the averaged law of the published kind carries the weight at speed v; effects of the rig are
+    left out.
+    """
     plain = rig(eta=rigs["eta"][0], gamma=rigs["gamma"][0])[0]
     low, high = -0.0099, 0.02
     if heave_force(low, v, plain) < 0:
@@ -386,7 +398,7 @@ def simulate(times, start, drive_current, rigs, far_step=1e-4, near_step=1e-5, s
     return states, contact
 
 
-# ---- what sensors see ---------------------------------------------------------------------------------------------------------------------
+# ---- what sensors see ----------------------------------------------------------------------------
 
 STATE_CHANNELS = ("surge", "sway", "heave", "roll", "surge_rate", "sway_rate", "heave_rate", "roll_rate")
 GAP_CHANNELS = ("gap_top", "gap_right", "gap_left")
@@ -423,8 +435,9 @@ def channels_of(times, states, drive_current, rigs, names):
 def measure(times, start, drive_current, rigs, names, faults=(), **steps):
     """What noiseless sensors would log: simulate, then apply sensor faults.
 
-    faults: dicts {"effect": "sensor_bias" | "sensor_scale" | "sensor_delay", "channel": ..., "bias" | "scale" | "delay": ...}.
-    measured = true + bias; scale * true; true(t - delay), where the motion before t = 0 is the one that leads to `start`.
+    faults: dicts {"effect": "sensor_bias" | "sensor_scale" | "sensor_delay", "channel": ..., "bias" | "scale" |
+    "delay": ...}. measured = true + bias; scale * true; true(t - delay), where the motion before t = 0 is the one
+    that leads to `start`.
     Returns values (n, len(names)) and the time of first contact.
     """
     states, contact = simulate(times, start, drive_current, rigs, **steps)

@@ -1,10 +1,13 @@
-"""The second simulator against trajectories neither it nor the package made, and against numbers of the paper's model."""
+"""The second simulator against trajectories neither it nor the package made, and against numbers of the paper's
+model.
+"""
+
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from . import simulator as sim
+from independent import simulator as sim
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden"
 # file -> drive current (A), rig changes; the start is the file's first row
@@ -49,7 +52,9 @@ def test_waviness_is_a_change_of_track_height():
     times = np.linspace(0, 0.5, 51)
     start = np.array([0, 0.001, -0.004, 0.002, 25.0, 0, 0, 0])
     flat, _ = sim.simulate(times, start, 0.0, sim.rig())
-    raised = sim.rig(guideway_waviness__amplitude=1e-3, guideway_waviness__wavelength=1e7, guideway_waviness__phase=np.pi / 2)
+    raised = sim.rig(
+        guideway_waviness__amplitude=1e-3, guideway_waviness__wavelength=1e7, guideway_waviness__phase=np.pi / 2
+    )
     start[2] += 1e-3
     high, _ = sim.simulate(times, start, 0.0, raised)
     high[:, 2] -= 1e-3

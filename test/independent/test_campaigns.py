@@ -1,0 +1,87 @@
+"""Blind campaigns are what their truth says, and the clarity given is the one a real refit finds."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from independent import campaigns, clarity, hidden_effects
+from independent import simulator as sim
+
+
+def reduced_chi2(contents, truth, states):
+    """Of the files against the noiseless truth, samples before the first contact; states: one start per run."""
+    config = yaml.safe_load(contents["campaign.yaml"])
+    rigs = sim.rig(eta=truth["parameters"]["eta"], gamma=truth["parameters"]["gamma"])
+    noise = truth["plan"]["noise"]
+    deviations = []
+    for run, start in zip(config["runs"], states, strict=True):
+        table = np.genfromtxt(io.StringIO(contents[run["file"]]), delimiter=",", names=True)
+        channels = list(table.dtype.names[1:])
+        start = [start[name] for name in sim.STATE_CHANNELS]
+        values, contact = sim.measure(table["time"], start, run["drive_current"], rigs, channels)
+        for i, channel in enumerate(channels):
+            deviations.append(((table[channel] - values[:, i]) / noise[channel])[table["time"] < contact])
+    stacked = np.concatenate(deviations)
+    return np.nanmean(stacked**2), np.isfinite(stacked).sum()
+
+
+def test_nothing_hidden_leaves_noise():
+    contents, truth, heldout = campaigns.draw_campaign(12, kind="nothing", design="mixed")
+    exact = [run["initial_state"] for run in yaml.safe_load(heldout["campaign.yaml"])["runs"]]
+    for files, states in ((contents, truth["initial_states"]), (heldout, exact)):
+        chi2, n = reduced_chi2(files, truth, states)
+        assert abs(chi2 - 1) < 5 * np.sqrt(2 / n)
+    assert truth["verdict"] == "adequate" and truth["effects"] == []
+
+
+def test_same_seed_same_campaign():
+    assert campaigns.draw_campaign(4) == campaigns.draw_campaign(4)
+
+
+def test_written_files(tmp_path):
+    truth = campaigns.write_campaign(tmp_path / "blind", 5, kind="sensor", design="mixed")
+    assert json.loads((tmp_path / "blind.truth.json").read_text())["effects"] == truth["effects"]
+    config = yaml.safe_load((tmp_path / "blind" / "campaign.yaml").read_text())
+    assert all((tmp_path / "blind" / run["file"]).exists() for run in config["runs"])
+    assert "initial_state" not in config["runs"][0]
+    assert "initial_state" in yaml.safe_load((tmp_path / "blind.heldout" / "campaign.yaml").read_text())["runs"][0]
+    assert truth["effects"][0].startswith("sensor_") and ":" in truth["effects"][0]
+
+
+@pytest.mark.parametrize("kind", campaigns.KINDS)
+def test_verdict_of_each_kind(kind):
+    _, truth, _ = campaigns.draw_campaign(20, kind=kind, design="mixed")
+    expected = {"nothing": "adequate", "unknown": "unknown_effect"}.get(kind, "missing_effect")
+    assert truth["verdict"] == expected
+    assert len(truth["effects"]) == {"single": 1, "two": 2, "three": 3, "sensor": 1}.get(kind, len(truth["effects"]))
+
+
+@pytest.mark.parametrize("name", ["heave_damping", "track_slope", "drive_droop"])
+def test_clarity_is_what_a_refit_finds(name):
+    """The linear signal_after_nuisance against a Gauss-Newton refit of the effect-free model."""
+    rng = np.random.default_rng(1)
+    plan = {**campaigns.draw_plan(rng, "mixed"), "channels": campaigns.POSE, "noise": campaigns.NOISE, "length": 0.8}
+    runs = campaigns.draw_runs(rng, plan, sim.rig(), 6)
+    experiment = clarity.Experiment(runs, plan["channels"], plan["noise"], 0.7295, 3.9298)
+    effect = campaigns.draw_effect(rng, name, experiment, lambda past: experiment.nuisance([]), 25.0)
+    linear = clarity.signals(experiment, [effect])[0]["signal_after_nuisance"]
+    assert linear == pytest.approx(25, rel=0.2)  # sized at zero strength, measured at the truth
+    assert clarity.refit(experiment, experiment.predict([effect]), []) == pytest.approx(linear, rel=0.1)
+
+
+def test_known_twins_imitate_each_other():
+    """effects.md's algebra: array asymmetry and a bias of the sway sensor are the same to first order."""
+    _, truth, _ = campaigns.draw_campaign(12, "single", "mixed", [("array_asymmetry", None)], clear=60.0, twins=True)
+    numbers = truth["clarity"]["array_asymmetry"]
+    assert numbers["imitations"]["sensor_bias:sway"] < 0.1 * numbers["signal_after_nuisance"]
+
+
+@pytest.mark.parametrize("name", [*hidden_effects.CATALOGUE, *hidden_effects.OUTSIDE])
+def test_every_effect_can_be_drawn(name):
+    """The simulator has the fields each entry of the tables sets."""
+    row = hidden_effects.table_of(name)
+    effect = hidden_effects.with_size(name, row["limits"][0], 1.0, row["shapes"](np.random.default_rng(0), 20.0))
+    clarity.rig_of(0.73, 3.9, [effect])
