@@ -91,11 +91,13 @@ def fit(
     iterations: int = 30,
     until: float = np.inf,
     tolerance: float = 0.02,
+    reuse: Sequence[Linearisation] | None = None,
 ) -> Fit:
     """Fit a structure's free parameters and every run's free initial states.
 
     Starts from ``theta`` and ``states`` where given (else the structure's own values and the first guess). Stops after
-    ``iterations`` or when a step would gain less than ``tolerance`` in χ².
+    ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``reuse`` the derivatives by the initial
+    states are taken from there: quick, for a first look at a rival.
     """
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     low, high = structure.bounds
@@ -114,7 +116,7 @@ def fit(
         return chi_square(_within(problem, problem.residuals(structure, th, xs, until), until)) + penalty(th, xs)
 
     damping, current, converged = 1e-3, cost(theta, states), False
-    linear = problem.linearise(structure, theta, states, until)
+    linear = problem.linearise(structure, theta, states, until, reuse)
     for _ in range(iterations):
         accepted = False
         for _ in range(8):
@@ -136,7 +138,7 @@ def fit(
             break
         small = current - trial < tolerance
         theta, states, current = new_theta, new_states, trial
-        linear = problem.linearise(structure, theta, states, until)
+        linear = problem.linearise(structure, theta, states, until, reuse)
         if small:
             converged = True
             break

@@ -27,6 +27,8 @@ from .structure import Structure
 GRID = 2.5e-3
 #: Steps of the initial state's central differences, by state: far above rounding, far below where the model bends.
 STATE_STEPS = np.array([1e-4, 1e-5, 1e-5, 1e-4, 1e-3, 1e-4, 1e-4, 1e-3])
+#: Step of the parameters' differences, in typical sizes.
+THETA_STEP = 0.02
 #: Prior standard deviation of an initial state about its first guess: says nothing where anything is measured.
 STATE_PRIOR = np.array([0.5, 0.02, 0.02, 0.1, 10.0, 1.0, 1.0, 10.0])
 #: Samples this close (s) to a run's start or end are left out of a channel whose delay is in question.
@@ -216,21 +218,25 @@ class Problem:
         return self.for_runs(task)
 
     def linearise(
-        self, structure: Structure, theta: np.ndarray, states: Sequence[np.ndarray], until: float = np.inf, outputs: bool = False
+        self,
+        structure: Structure,
+        theta: np.ndarray,
+        states: Sequence[np.ndarray],
+        until: float = np.inf,
+        reuse: Sequence[Linearisation] | None = None,
     ) -> list[Linearisation]:
         """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
 
-        With ``outputs`` the simulated outputs and their derivatives with respect to the initial state are kept too.
+        ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of the work.
         """
         g = len(theta)
         low, high = structure.bounds
-        step = np.full(g, 0.02)
-        up = np.minimum(theta + step, high)
-        down = np.maximum(theta - step, low)
+        up = np.minimum(theta + THETA_STEP, high)
+        down = np.maximum(theta - THETA_STEP, low)
 
         def task(i: int) -> Linearisation:
             data = self.runs[i]
-            free = np.arange(8) if outputs else data.free_states
+            free = data.free_states if reuse is None else data.free_states[:0]
             jobs = 1 + 2 * g + 2 * len(free)
             thetas, x = np.tile(theta, (jobs, 1)), np.tile(states[i], (jobs, 1))
             for k in range(g):
@@ -243,12 +249,11 @@ class Problem:
             weight = 1.0 / self.sigma[data.channel]
             by_theta = (read[1 : 1 + 2 * g : 2] - read[2 : 2 + 2 * g : 2]) / (up - down)[:, None]
             by_state = (read[1 + 2 * g :: 2] - read[2 + 2 * g :: 2]) / (2 * STATE_STEPS[free])[:, None]
-            kept = None
-            if outputs:
-                kept = (out[0], (out[1 + 2 * g :: 2] - out[2 + 2 * g :: 2]) / (2 * STATE_STEPS)[:, None, None])
-                by_state = by_state[data.free_states]
             return Linearisation(
-                (data.y - read[0]) * weight, (by_theta * weight).T, (by_state * weight).T, data.free_states, kept
+                (data.y - read[0]) * weight,
+                (by_theta * weight).T,
+                (by_state * weight).T if reuse is None else reuse[i].by_state,
+                data.free_states,
             )
 
         return self.for_runs(task)
@@ -257,14 +262,12 @@ class Problem:
 @dataclass(frozen=True)
 class Linearisation:
     """One run near a point: residual (m,) over noise, derivatives of the prediction over noise by theta (m, g) and by the
-    free initial states (m, f); NaN rows have nothing to compare. ``kept``: outputs (n, 15) and their derivatives by the whole
-    initial state (8, n, 15)."""
+    free initial states (m, f); NaN rows have nothing to compare."""
 
     residual: np.ndarray
     by_theta: np.ndarray
     by_state: np.ndarray
     free_states: np.ndarray
-    kept: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def _steady(model: Model, x: np.ndarray, P: np.ndarray) -> np.ndarray:

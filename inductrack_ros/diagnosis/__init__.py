@@ -1,0 +1,1 @@
+"""Which physical effect is missing: adequacy, ranking, decision, ignorance admitted."""

@@ -1,0 +1,179 @@
+"""Is anything missing at all? Many tests, one calibrated answer.
+
+Every test is a quadratic form in the residual after the nuisance (free parameters, initial states) is projected out:
+the score of each catalogue effect (Rao), and of a force of any shape in each coordinate on each variable (`signatures`),
+plus whiteness (Ljung–Box) and the size of χ². Their smallest p-value is compared with its own distribution over
+complete models, drawn from the joint Gaussian of all scores (Westfall and Young), so that a complete model is called adequate
+in at least 95 of 100 campaigns whatever the campaign is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import linalg, stats
+
+from ..core.state import COORDINATES
+from ..estimation.fit import Fit
+from ..estimation.problem import STATE_PRIOR, Problem
+from .signatures import VARIABLES, RunResponse, basis, knots, moving_coordinates, responses
+
+#: A complete model is turned down in at most this part of campaigns by the scores, and by whiteness and χ² each.
+LEVEL_SCORES, LEVEL_WHITENESS, LEVEL_SIZE = 0.02, 0.01, 0.005
+#: Relative error allowed in a stated noise level before its χ² counts as misfit.
+NOISE_TOLERANCE = 0.02
+DRAWS = 4000
+#: Basis functions per variable: coarse for all, finer too for what can change abruptly along a run.
+COARSE, FINE = 8, 40
+LAGS = 12
+
+
+@dataclass(frozen=True)
+class Test:
+    """One test: its name, statistic, degrees of freedom and p-value if it were the only one."""
+
+    name: str
+    statistic: float
+    dof: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The answer: ``adequate``, the calibrated p-values of its three parts, and all tests, most telling first."""
+
+    adequate: bool
+    p_scores: float
+    p_whiteness: float
+    p_size: float
+    tests: tuple[Test, ...] = field(repr=False)
+
+
+class Projector:
+    """Takes the nuisance out of columns over all samples: initial states run by run, then the global parameters."""
+
+    def __init__(self, problem: Problem, fit: Fit):
+        self.rows, self.bases, residuals, thetas = [], [], [], []
+        for data, part in zip(problem.runs, fit.linear, strict=True):
+            good = np.isfinite(part.residual) & np.isfinite(part.by_theta).all(axis=1) & np.isfinite(part.by_state).all(axis=1)
+            scaled = part.by_state[good] * STATE_PRIOR[part.free_states]
+            q = _orthonormal(np.vstack([scaled, np.eye(scaled.shape[1])]))[: good.sum()] if scaled.shape[1] else scaled
+            self.rows.append(good)
+            self.bases.append(q)
+            residuals.append(part.residual[good])
+            thetas.append(part.by_theta[good])
+        self.sizes = [r.size for r in residuals]
+        self.theta = np.zeros((sum(self.sizes), 0))
+        self.theta = _orthonormal(self(np.vstack(thetas))) if thetas[0].shape[1] else self.theta
+        self.residual = self(np.concatenate(residuals)[:, None])[:, 0]
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, l) with the nuisance projected out."""
+        parts = np.split(columns, np.cumsum(self.sizes)[:-1])
+        # The prior rows behind each basis make this a ridge projection, which is what the fit does.
+        out = np.vstack([c - q @ (q.T @ c) for c, q in zip(parts, self.bases, strict=True)])
+        return out - self.theta @ (self.theta.T @ out)
+
+    def stack(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """Per-run columns (m_i, l), only the rows compared, one above the other."""
+        return np.vstack([p[rows] for p, rows in zip(parts, self.rows, strict=True)])
+
+
+def _orthonormal(a: np.ndarray) -> np.ndarray:
+    u, s, _ = np.linalg.svd(a, full_matrices=False)
+    return u[:, s > 1e-10 * max(s.max(initial=0.0), 1e-300)]
+
+
+def force_families(problem: Problem, runs: Sequence[RunResponse], counts=(COARSE, FINE)):
+    """Names and columns (per run) of a force of any shape: ``("heave on surge", [ (m, count), … ])``, coarse and fine."""
+    for coordinate in moving_coordinates(problem.dof):
+        for variable in VARIABLES:
+            for count in counts:
+                if count > COARSE and variable not in ("surge", "time"):
+                    continue
+                laid = knots(runs, variable, count)
+                if laid is None:
+                    continue
+                columns = [r.respond(coordinate, basis(r.variables[variable], *laid, count)) for r in runs]
+                yield f"{COORDINATES[coordinate]} on {variable}", columns
+
+
+def check(problem: Problem, fit: Fit, effect_columns: dict[str, list[np.ndarray]] | None = None, seed: int = 0) -> Gate:
+    """Decide whether the fitted model is adequate. ``effect_columns`` are signatures (m_i, l) of catalogue effects by name."""
+    project = Projector(problem, fit)
+    runs = responses(problem, fit)
+    names, blocks = [], []
+    for name, parts in (effect_columns or {}).items():
+        names.append(name)
+        blocks.append(project(project.stack(parts)))
+    for name, parts in force_families(problem, runs):
+        names.append(f"force in {name}")
+        blocks.append(project(project.stack(parts)))
+    tests, p_scores = _score_tests(names, blocks, project.residual, np.random.default_rng(seed))
+    white = _whiteness(problem, fit)
+    tests += white
+    p_white = min(1.0, len(white) * min((t.p_value for t in white), default=1.0))
+    size = _size(problem, fit)
+    tests.append(size)
+    adequate = p_scores > LEVEL_SCORES and p_white > LEVEL_WHITENESS and size.p_value > LEVEL_SIZE
+    return Gate(adequate, p_scores, p_white, size.p_value, tuple(sorted(tests, key=lambda t: t.p_value)))
+
+
+def _score_tests(names, blocks, residual, rng) -> tuple[list[Test], float]:
+    """Each block's score test, and the p-value of the smallest over their joint null distribution."""
+    whitened, kept = [], []
+    for name, block in zip(names, blocks, strict=True):
+        gram = block.T @ block
+        values, vectors = np.linalg.eigh(gram)
+        good = values > max(1e-8 * values.max(initial=0.0), 1e-10)
+        if good.any():
+            whitened.append(block @ (vectors[:, good] / np.sqrt(values[good])))
+            kept.append(name)
+    if not kept:
+        return [], 1.0
+    edges = np.cumsum([0] + [w.shape[1] for w in whitened])
+    joint = np.hstack(whitened)
+    score = joint.T @ residual
+    covariance = joint.T @ joint
+    values, vectors = linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    keep = values > 1e-10 * values.max()
+    draws = rng.standard_normal((DRAWS, int(keep.sum()))) @ root[:, keep].T
+    dof = np.diff(edges)
+    observed = np.add.reduceat(score**2, edges[:-1])
+    null = np.add.reduceat(draws**2, edges[:-1], axis=1)
+    log_p = stats.chi2.logsf(observed, dof)
+    smallest = stats.chi2.logsf(null, dof).min(axis=1)
+    p = float((1 + np.sum(smallest <= log_p.min())) / (DRAWS + 1))
+    tests = [Test(n, float(o), int(d), float(np.exp(l))) for n, o, d, l in zip(kept, observed, dof, log_p, strict=True)]
+    return tests, p
+
+
+def _whiteness(problem: Problem, fit: Fit) -> list[Test]:
+    """Ljung–Box of each channel over all runs, samples taken in their order."""
+    tests = []
+    for c, channel in enumerate(problem.channels):
+        total, dof = 0.0, 0
+        for data, part in zip(problem.runs, fit.linear, strict=True):
+            r = part.residual[(data.channel == c) & np.isfinite(part.residual)]
+            n = r.size
+            if n < 5 * LAGS:
+                continue
+            r = r - r.mean()
+            power = r @ r
+            for lag in range(1, LAGS + 1):
+                total += n * (n + 2) * (r[lag:] @ r[:-lag] / power) ** 2 / (n - lag)
+            dof += LAGS
+        if dof:
+            tests.append(Test(f"whiteness of {channel}", total, dof, float(stats.chi2.sf(total, dof))))
+    return tests
+
+
+def _size(problem: Problem, fit: Fit) -> Test:
+    """χ² against the stated noise, a small error of which is allowed for."""
+    used = len(fit.theta) + sum(len(p.free_states) for p in fit.linear)
+    dof = max(fit.samples - used, 1)
+    statistic = fit.chi2 / (1 + NOISE_TOLERANCE) ** 2
+    return Test("size of χ²", statistic, dof, float(stats.chi2.sf(statistic, dof)))
