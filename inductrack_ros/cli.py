@@ -1,0 +1,285 @@
+"""The command line: arguments in, files out, exit status 0, 2 for wrong input, 130 when interrupted.
+
+Each command is a pair of functions, one that declares its arguments and one that runs; `COMMANDS` lists them. What
+is slow to import is imported by the one that runs, so that `-h` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from .core.errors import InputError
+
+if TYPE_CHECKING:
+    from .core.model import Model
+    from .data import Campaign
+
+#: Where `simulate` starts unless told otherwise, as the node does: the paper's launch.
+LAUNCH = "surge_rate=15.5"
+MOST_SAMPLES = 10_000_000
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand: ``arguments`` declares its options on a parser, ``run`` does it."""
+
+    name: str
+    summary: str
+    arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], None]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status."""
+    arguments = _parser().parse_args(argv)
+    who = f"inductrack {arguments.command.name}"
+    try:
+        arguments.command.run(arguments)
+        sys.stdout.flush()
+    except InputError as error:
+        print(f"{who}: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # `inductrack … | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        print(f"{who}: {place}{error.strerror or error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"{who}: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    return 0
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are one line, like every other."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} -h\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="inductrack",
+        description="Simulate the Inductrack maglev cradle of Kim and Ge (2012), and find out what a model of it misses.",
+        epilog="inductrack COMMAND -h says more about each.",
+        allow_abbrev=False,
+    )
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for command in COMMANDS:
+        sub = commands.add_parser(
+            command.name,
+            help=command.summary,
+            description=command.summary[0].upper() + command.summary[1:] + ".",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        command.arguments(sub)
+        sub.set_defaults(command=command)
+    return parser
+
+
+# ---------------------------------------------------------------- what commands share
+
+
+def _model_argument(parser: argparse.ArgumentParser, otherwise: str) -> None:
+    parser.add_argument("--model", metavar="MODEL.yaml", help=f"the model, a ROS 2 parameter file (default: {otherwise})")
+
+
+def _campaign_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="a folder with campaign.yaml and the runs it lists")
+    _model_argument(parser, "the campaign's own, else the paper's")
+    parser.add_argument("--output", metavar="DIR", required=True, help="folder for the results; made if need be")
+    parser.add_argument(
+        "--effects", metavar="MY_EFFECTS.py", action="append", default=[], help="a file with effects of your own (it is run)"
+    )
+
+
+def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
+    """The campaign and the model it is held against."""
+    from .core.model import Model
+    from .data import load_campaign
+
+    campaign = load_campaign(arguments.campaign)
+    path = arguments.model or campaign.model
+    if path is None:
+        model = Model.create(effect_files=arguments.effects)
+    else:
+        model = Model.load(path, extra_files=arguments.effects)
+    if campaign.dof is not None and campaign.dof != model.dof:
+        model = model.with_changes(dof=campaign.dof)
+    return campaign, model
+
+
+@contextlib.contextmanager
+def output_folder(given: str, apart_from: Path) -> Iterator[Path]:
+    """A new folder to write into, whose files stand in ``given`` once all are written and not before.
+
+    ``apart_from`` is a folder that results must not be mixed into. Raises `InputError` where ``given`` cannot be written.
+    """
+    target = Path(given)
+    if target.resolve() == apart_from.resolve():
+        raise InputError(f"--output {given}: that is the campaign's own folder; choose another")
+    if os.path.lexists(target) and not target.is_dir():
+        raise InputError(f"--output {given}: is a file; give a folder")
+    made: list[Path] = [p for p in target.absolute().parents if not p.exists()]
+    temporary: Path | None = None
+    try:
+        try:
+            target.absolute().parent.mkdir(parents=True, exist_ok=True)
+            if target.is_dir() and not os.access(target, os.W_OK):
+                raise PermissionError(13, "Permission denied")
+            temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.absolute().parent))
+        except OSError as error:
+            raise InputError(f"--output {given}: cannot be written: {error.strerror}") from None
+        yield temporary
+        target.mkdir(exist_ok=True)
+        for file in sorted(temporary.iterdir()):
+            file.replace(target / file.name)
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+        if not target.exists():
+            for folder in made:  # those that this call made, deepest first, while they are empty
+                with contextlib.suppress(OSError):
+                    folder.rmdir()
+
+
+# ---------------------------------------------------------------- simulate
+
+
+def _simulate_arguments(parser: argparse.ArgumentParser) -> None:
+    _model_argument(parser, "the paper's")
+    parser.add_argument(
+        "--initial",
+        metavar="NAME=VALUE,…",
+        default=LAUNCH,
+        help=f"initial state, SI; heave is the equilibrium's at that speed unless given, the rest 0 (default: {LAUNCH})",
+    )
+    parser.add_argument("--duration", metavar="S", type=float, default=3.0, help="seconds to simulate (default: 3)")
+    parser.add_argument("--rate", metavar="HZ", type=float, default=500.0, help="samples a second (default: 500)")
+    parser.add_argument("--drive-current", metavar="A", type=float, help="drive current, 0 to coast (default: the model's, 7000)")
+    parser.add_argument("--output", metavar="RUN.csv|BAG", required=True, help="a .csv file, or else a rosbag2 folder to be made")
+    parser.epilog = (
+        "example:\n  inductrack simulate --initial surge_rate=15.5,sway=0.004 --duration 3 --output run.csv\n\n"
+        "writes time, surge, sway, heave, roll and their rates; a bag has the topics that the sim node publishes.\n"
+        "An existing CSV is replaced, an existing bag is not."
+    )
+
+
+def _simulate(arguments: argparse.Namespace) -> None:
+    initial = _initial(arguments.initial)
+    if not (math.isfinite(arguments.duration) and arguments.duration > 0):
+        raise InputError(f"--duration {arguments.duration:g}: must be above 0 s")
+    if not (math.isfinite(arguments.rate) and arguments.rate > 0):
+        raise InputError(f"--rate {arguments.rate:g}: must be above 0 Hz")
+    if arguments.duration * arguments.rate > MOST_SAMPLES:
+        raise InputError(f"--duration × --rate is {arguments.duration * arguments.rate:g} samples; at most {MOST_SAMPLES} are written")
+    output = Path(arguments.output)
+    is_csv = output.suffix.lower() == ".csv"
+    if os.path.lexists(output) and (output.is_dir() if is_csv else True):
+        raise InputError(f"--output {output}: exists already; choose another name or delete it first")
+    if not output.absolute().parent.is_dir():
+        raise InputError(f"--output {output}: there is no folder {output.parent}; create it first")
+
+    import numpy as np
+
+    from .core.model import Model
+    from .core.parameters import PARAMETERS
+    from .core.state import STATES
+    from .data import write_bag, write_csv
+
+    model = Model.load(arguments.model) if arguments.model else Model.default()
+    if model.drive == "pulses":
+        raise InputError(f"{arguments.model}: drive: pulses needs the controller node, which fires them; set drive: averaged here")
+    if arguments.drive_current is not None:
+        PARAMETERS["drive_current"].check("--drive-current", arguments.drive_current)
+    times = np.arange(round(arguments.duration * arguments.rate) + 1) / arguments.rate
+    run = model.simulate(times, model.initial_state(**initial), arguments.drive_current)
+    lost = np.flatnonzero(~np.isfinite(run.states).all(axis=1))
+    if lost.size:
+        raise InputError(f"the simulation leaves all bounds at {times[lost[0]]:g} s; look at --initial and the model's parameters")
+    columns = {name: run[name] for name in STATES}
+    if is_csv:
+        write_csv(output, times, columns, overwrite=True)
+    else:
+        write_bag(output, times, columns)
+    print(
+        f"{output}: {len(times)} samples, {times[-1]:g} s; at the end {run['surge'][-1]:.3f} m, {run['surge_rate'][-1]:.3f} m/s, "
+        f"top gap {1e3 * run['gap_top'][-1]:.2f} mm"
+    )
+
+
+def _initial(given: str) -> dict[str, float]:
+    """``surge_rate=15.5,sway=0.004`` as a mapping; the model checks the names."""
+    values: dict[str, float] = {}
+    for entry in filter(None, (part.strip() for part in given.split(","))):
+        name, equals, text = (part.strip() for part in entry.partition("="))
+        try:
+            if not equals or name in values:
+                raise ValueError
+            values[name] = float(text)
+        except ValueError:
+            problem = "is given twice" if name in values else "is not NAME=NUMBER, e.g. surge_rate=15.5"
+            raise InputError(f"--initial: '{entry}' {problem}") from None
+    return values
+
+
+# ---------------------------------------------------------------- compare
+
+
+def _compare_arguments(parser: argparse.ArgumentParser) -> None:
+    _campaign_arguments(parser)
+    parser.epilog = (
+        "Fits nothing but the initial states that campaign.yaml does not give.\n"
+        "Writes comparison.json, report.html and, for each run, RUN.predicted.csv."
+    )
+
+
+def _compare(arguments: argparse.Namespace) -> None:
+    campaign, model = _load(arguments)
+    with output_folder(arguments.output, campaign.folder) as folder:
+        from .compare import compare, write_results
+        from .reports.compare_report import compare_report, verdict
+
+        result = compare(campaign, model)
+        write_results(result, folder)
+        (folder / "report.html").write_text(compare_report(result), encoding="utf-8")
+    print(verdict(result))
+    print(f"{Path(arguments.output) / 'report.html'}")
+
+
+# ---------------------------------------------------------------- the table
+
+
+def _delivered(module: str) -> tuple[Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], None]]:
+    """A command that another module of the package delivers as ``add_arguments(parser)`` and ``run(arguments)``."""
+
+    def arguments(parser: argparse.ArgumentParser) -> None:
+        import_module(module, __package__).add_arguments(parser)
+
+    def run(given: argparse.Namespace) -> None:
+        import_module(module, __package__).run(given)
+
+    return arguments, run
+
+
+COMMANDS = (
+    Command("simulate", "simulate one run into a CSV or a bag, without ROS", _simulate_arguments, _simulate),
+    Command("compare", "show where a model fails to predict a campaign's measurements", _compare_arguments, _compare),
+)
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Reports: one self-contained HTML file each, from finished results. Nothing is computed here."""

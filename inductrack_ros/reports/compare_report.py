@@ -1,0 +1,287 @@
+"""The report of `inductrack compare`: does this model predict these measurements, and where does it not."""
+
+from __future__ import annotations
+
+import math
+
+from ..compare import AT_REST, HOLDS_LIMIT, WINDOW, Comparison, RunComparison, Stretch
+from ..core.state import STATES, UNITS
+from .explorer import RunTraces, Trace, explorer
+from .page import Figure, Page, folded, table, text
+from .words import effect_name, in_channel, listed, number, ratio, title
+
+#: Up to here the error is the noise's, give or take what estimated noise and chance do; above the second the model is plainly off.
+NOISE_ALONE, PLAINLY = 1.1, 3.0
+#: A stretch stands out when its restarted error exceeds the campaign's by this factor.
+STANDS_OUT = 1.25
+
+_BY = {
+    "speed": ("Speed", "m/s", 1.0),
+    "gap": ("Top gap", "mm", 1e3),
+    "place": ("Place along the track", "m", 1.0),
+    "contact": ("Contact", "", 1.0),
+}
+
+
+def compare_report(result: Comparison) -> str:
+    """The whole page."""
+    page = Page(
+        title=result.campaign.name,
+        kind="Model against measurements",
+        verdict=verdict(result),
+        tone="good" if result.error <= NOISE_ALONE else "warn" if result.error <= PLAINLY else "bad",
+        lead=_lead(result),
+    )
+    page.picture(page.figure(_matrix(result), "RMS of measured minus predicted, over the sensor's noise. 1 is a perfect model."))
+    worst = result.worst_run
+    page.section(
+        "Traces",
+        explorer(
+            page,
+            [_traces(r) for r in result.runs],
+            result.noise,
+            start=(worst.run.name, _worst_channel(worst)),
+            words=("this model", ""),
+        ),
+    )
+    page.section("Where it fails", _where(page, result))
+    page.section("Runs", _runs(result))
+    page.section("Assumptions", _basis(result))
+    return page.render()
+
+
+# ---------------------------------------------------------------- the answer in words
+
+
+def verdict(result: Comparison) -> str:
+    """The answer in one sentence."""
+    runs = "the one run" if len(result.runs) == 1 else f"all {len(result.runs)} runs"
+    if result.error <= NOISE_ALONE:
+        return f"The model predicts {runs} to within the sensors' noise."
+    if math.isinf(result.error):
+        lost = [r.run.name for r in result.runs if math.isinf(r.error)]
+        return f"The model loses {listed(lost[:3])}{' and others' if len(lost) > 3 else ''}: the simulation leaves all bounds."
+    worst = result.worst_channel
+    miss = result.errors[worst]
+    size = f"{in_channel(worst, miss * result.noise[worst], 2)}, {ratio(miss)} times the sensor's noise"
+    where = f", worst in {result.worst_run.run.name}" if len(result.runs) > 1 else ""
+    return f"The model misses {title(worst).lower()} by {size}{where}."
+
+
+def _lead(result: Comparison) -> str:
+    errors = result.errors
+    within = [title(c).lower() for c in errors if errors[c] <= NOISE_ALONE]
+    points = []
+    if within and result.error > NOISE_ALONE:
+        points.append(f"Within noise: {text(listed(within))}.")
+    if result.error > NOISE_ALONE:
+        times = [r.holds_for for r in result.runs if r.holds_for is not None]
+        if times:
+            whole = len(result.runs) - len(times)
+            tail = f"; {whole} of {len(result.runs)} runs never leave it" if whole else ""
+            points.append(f"Predictions leave the noise after {number(min(times), 2)}–{number(max(times), 2)} s{tail}.")
+        if place := _outstanding(result):
+            points.append(f"<strong>{text(place)}</strong> (when restarted every {WINDOW:g} s).")
+    effects = [effect_name(e) for e in result.model.effects]
+    points.append(f"Model: {text(listed(effects))} added to the paper's equations." if effects else "Model: the paper's equations, no effect added.")
+    if result.error > NOISE_ALONE:
+        points.append("<code>inductrack diagnose</code> refits the parameters and says which effect is missing, if one is.")
+    return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
+
+
+def _outstanding(result: Comparison) -> str:
+    """The stretch that stands out most among its kind when runs are restarted, and in which channel; or nothing."""
+    best, sentence = STANDS_OUT, ""
+    for by, (name, _, _) in _BY.items():
+        of_kind = [s for s in result.stretches if s.by == by and s.restarted is not None]
+        if len(of_kind) < 2:
+            continue
+        worst = max(of_kind, key=lambda s: s.restarted or 0.0)
+        others = [s.restarted or 0.0 for s in of_kind if s is not worst]
+        contrast = (worst.restarted or 0.0) / max(sum(others) / len(others), 1.0)
+        if contrast > best:
+            channel = max(worst.restarted_errors, key=lambda c: worst.restarted_errors[c])
+            where = "" if by == "contact" else f"at {name.lower()} "
+            best, sentence = contrast, f"Most goes wrong {where}{_stretch_name(worst)}, in {title(channel).lower()}"
+    return sentence
+
+
+def _worst_channel(r: RunComparison) -> str:
+    errors = {c: e for c, e in r.errors.items() if not math.isnan(e)}
+    return max(errors, key=lambda c: errors[c])
+
+
+# ---------------------------------------------------------------- the evidence
+
+
+def _matrix(result: Comparison) -> Figure:
+    names = [r.run.name for r in result.runs]
+    channels = list(reversed(result.channels))
+    errors = [[r.errors.get(c, math.nan) for r in result.runs] for c in channels]
+    flat = [e for row in errors for e in row if math.isfinite(e)]
+    top = math.log10(max([*flat, 10.0]))
+    data = {
+        "type": "heatmap",
+        "x": names,
+        "y": [title(c) for c in channels],
+        "z": [[None if math.isnan(e) else min(math.log10(max(e, 1e-3)), top) for e in row] for row in errors],
+        "zmin": 0.0,
+        "zmax": top,
+        "colorscale": [[0, "@low"], [1, "@before"]],
+        "text": [["" if math.isnan(e) else ratio(e) for e in row] for row in errors],
+        "showscale": False,
+        "xgap": 2,
+        "ygap": 2,
+        "hovertemplate": "%{x}, %{y}: %{text} × noise<extra></extra>",
+    }
+    if len(names) <= 16:
+        data |= {"texttemplate": "%{text}", "textfont": {"size": 12}}
+    layout = {
+        "xaxis": {"type": "category", "ticks": "", "showgrid": False, "tickangle": -45 if len(names) > 4 else 0},
+        "yaxis": {"ticks": "", "showgrid": False},
+        "margin": {"l": 8, "r": 8, "t": 8, "b": 8},
+    }
+    return Figure([data], layout, "Error over noise of every channel and run; the table of runs has the numbers", 120 + 38 * len(channels))
+
+
+def _traces(r: RunComparison) -> RunTraces:
+    traces = {}
+    errors = r.errors
+    for i, channel in enumerate(r.run.channels):
+        rows = r.run.measured[:, i]
+        if rows.any():
+            traces[channel] = Trace(r.run.times[rows], r.run.values[rows, i], [r.predicted[rows, i]], [errors[channel]])
+    return RunTraces(r.run.name, _about(r), traces)
+
+
+def _about(r: RunComparison) -> str:
+    speed = r.initial_state.get("surge_rate", 0.0)
+    drive = "pulses" if r.run.pulses is not None else f"{number(r.run.drive_current, 4)} A" if r.run.drive_current else "coasting"
+    return f"{number(speed, 3)} m/s, {drive}"
+
+
+def _where(page: Page, result: Comparison) -> str:
+    restarted = any(s.restarted is not None for s in result.stretches)
+    figures = "".join(
+        page.figure(_stretch_figure(of_kind, by)) for by in _BY if len(of_kind := [s for s in result.stretches if s.by == by]) > 1
+    )
+    meaning = (
+        f"<p><span class='bad-word'>Open loop</span> an error stays once it is made. <strong>Restarted</strong> every {WINDOW:g} s from a state "
+        "fitted to that window, only what goes wrong there and then is left: it points at the place, the speed or the touch where the model "
+        "fails. An error that is small everywhere and only adds up (a little drag) shows in the open loop alone.</p>"
+        if restarted
+        else "<p>Open loop: an error stays once it is made.</p>"
+    )
+    channels = result.channels
+    rows = [
+        [
+            text(_BY[s.by][0]),
+            text(_stretch_name(s)),
+            f"{s.samples}",
+            f"<strong>{ratio(s.error)}</strong>",
+            ratio(s.restarted),
+            *(_both(s, c) for c in channels),
+        ]
+        for s in result.stretches
+    ]
+    header = ["Stretch", "", "Samples", "All channels", "Restarted", *(text(title(c)) for c in channels)]
+    numbers = table(header, rows, "RMS error over noise of all samples in the stretch, all runs together; in brackets restarted.", words=2)
+    return meaning + f'<div class="two">{figures}</div>' + folded("The same as a table, per channel", numbers)
+
+
+def _both(s: Stretch, channel: str) -> str:
+    afresh = s.restarted_errors.get(channel)
+    tail = f' <span class="soft">({ratio(afresh)})</span>' if afresh is not None else ""
+    return ratio(s.errors.get(channel)) + tail
+
+
+def _stretch_figure(stretches: list[Stretch], by: str) -> Figure:
+    name, unit, factor = _BY[by]
+    if by == "contact":
+        where: list[object] = [_stretch_name(s) for s in stretches]
+        width: list[float] | None = None
+    else:
+        where = [0.5 * (s.low + s.high) * factor for s in stretches]
+        width = [(s.high - s.low) * factor * 0.45 for s in stretches]
+    shift = 0.225 if width else 0.0
+
+    def bars(values: list[float | None], label: str, colour: str, side: int) -> dict[str, object]:
+        bar = {
+            "type": "bar",
+            "name": label,
+            "x": [x + side * shift * (s.high - s.low) * factor if width else x for x, s in zip(where, stretches, strict=True)],
+            "y": [None if v is None or not math.isfinite(v) else v for v in values],
+            "customdata": [_stretch_name(s) for s in stretches],
+            "marker": {"color": colour},
+            "hovertemplate": "%{customdata}: %{y:.3g} × noise",
+        }
+        return bar | ({"width": width} if width else {})
+
+    data = [bars([s.error for s in stretches], "open loop", "@before", -1)]
+    if any(s.restarted is not None for s in stretches):
+        data.append(bars([s.restarted for s in stretches], f"restarted every {WINDOW:g} s", "@after", 1))
+    tops = [v for s in stretches for v in (s.error, s.restarted) if v is not None and math.isfinite(v)]
+    layout = {
+        "barmode": "overlay" if width else "group",
+        "xaxis": {"title": f"{name}, {unit}" if unit else name},
+        "yaxis": {"title": "error / noise", "type": "log", "range": [math.log10(0.5), math.log10(max([*tops, 3.0]) * 1.3)], "dtick": 1},
+        "shapes": [_noise_line()],
+    }
+    return Figure(data, layout, f"Error over noise by {name.lower()}; the table below has the numbers", 260)
+
+
+def _noise_line() -> dict[str, object]:
+    line = {"color": "@good", "width": 1.5, "dash": "dash"}
+    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, "line": line}
+
+
+def _stretch_name(s: Stretch) -> str:
+    if s.by == "contact":
+        return "while an array touches" if s.low else "in free flight"
+    _, unit, factor = _BY[s.by]
+    return f"{number(s.low * factor, 4)}–{number(s.high * factor, 4)} {unit}"
+
+
+def _runs(result: Comparison) -> str:
+    channels = result.channels
+    rows = []
+    for r in sorted(result.runs, key=lambda r: -r.error):
+        holds = "to its end" if r.holds_for is None else f"{number(r.holds_for, 2)} s"
+        errors, rmse = r.errors, r.rmse
+        cells = [
+            f'{ratio(errors[c])} <span class="soft">({text(in_channel(c, rmse[c], 2))})</span>' if c in errors else "–" for c in channels
+        ]
+        about = text(_about(r))
+        rows.append([text(r.run.name), about, f"{number(r.run.duration, 3)} s", f"<strong>{ratio(r.error)}</strong>", *cells, holds])
+    header = ["Run", "Start, drive", "Length", "All", *(text(title(c)) for c in channels), "Holds for"]
+    caption = f"RMS error over noise, in brackets in its own unit. A prediction holds until its RMS error over 20 samples exceeds {HOLDS_LIMIT:g} × noise."
+    return table(header, rows, caption, words=2)
+
+
+def _basis(result: Comparison) -> str:
+    noise = table(
+        ["Channel", "Noise (standard deviation)", ""],
+        [
+            [text(title(c)), text(in_channel(c, s)), "given in campaign.yaml" if c in result.noise_given else "estimated from the data"]
+            for c, s in result.noise.items()
+        ],
+    )
+    states = table(
+        ["Run", *STATES],
+        [
+            [text(r.run.name), *(f"{number(r.initial_state[s], 4)}{'' if s in r.estimated else ' *'} {UNITS[s]}" for s in STATES)]
+            for r in result.runs
+        ],
+        "* given; the others are fitted to as much of the run's beginning as the model follows. Nothing else was fitted.",
+    )
+    parameters = table(
+        ["Parameter", "Value"],
+        [[text(k), text(number(v, 6))] for k, v in result.model.to_mapping().items() if isinstance(v, float)],
+    )
+    contact = f"Slower than {AT_REST:g} m/s counts as rest; an array touches where its gap is within two noises of zero."
+    return (
+        noise
+        + f"<p class='soft'>Speed, gap, place and contact are the measured ones where they were measured, else predicted. {contact}</p>"
+        + folded("Initial states", states)
+        + folded("Parameters of the model", parameters)
+    )

@@ -1,0 +1,172 @@
+"""The page all reports share: a first screen that answers the question, the evidence under it, one file, offline.
+
+A figure is plain plotly JSON whose colours are names such as ``@measured``; the page fills in the colour of the
+reader's theme and does so again when the theme changes and when it is printed.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A plot: plotly ``data`` and ``layout``, what it shows in words (for who cannot see it), and its height in px."""
+
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    label: str
+    height: int = 320
+
+
+@dataclass
+class Page:
+    """A report under construction. ``kind`` is the small line over the title, ``verdict`` one sentence, ``lead`` HTML under it."""
+
+    title: str
+    kind: str
+    verdict: str
+    tone: str = "neutral"
+    lead: str = ""
+    foot: str = ""
+    _figures: list[Figure] = field(default_factory=list)
+    _parts: list[str] = field(default_factory=list)
+    _links: list[tuple[str, str]] = field(default_factory=list)
+    _data: dict[str, Any] = field(default_factory=dict)
+    _scripts: list[str] = field(default_factory=list)
+    _picture: str = ""
+
+    def figure(self, figure: Figure, caption: str = "") -> str:
+        """Register a figure and return the HTML that stands for it. ``caption`` is HTML."""
+        number = len(self._figures)
+        self._figures.append(figure)
+        below = f"<figcaption>{caption}</figcaption>" if caption else ""
+        return (
+            f'<figure><div class="plot" id="plot-{number}" data-figure="{number}" tabindex="0" role="img" '
+            f'aria-label="{escape(figure.label)}" style="height:{figure.height}px"></div>{below}</figure>'
+        )
+
+    def picture(self, html: str) -> None:
+        """What stands beside the verdict on the first screen."""
+        self._picture = html
+
+    def section(self, title: str, html: str, name: str = "") -> None:
+        """Add a section of evidence. ``html`` is trusted: escape what a user gave with `text`."""
+        name = name or "".join(c if c.isalnum() else "-" for c in title.lower()).strip("-")
+        self._links.append((name, title))
+        self._parts.append(f'<section id="{name}"><h2>{escape(title)}</h2>{html}</section>')
+
+    def script(self, file: str, name: str, data: Any) -> None:
+        """Add a script of `static/`, which finds ``data`` under ``name``."""
+        if file not in self._scripts:
+            self._scripts.append(file)
+        self._data[name] = data
+
+    def render(self) -> str:
+        """The whole page."""
+        figures = [{"data": f.data, "layout": f.layout} for f in self._figures]
+        scripts = "".join(f"<script>{_static(name)}</script>\n" for name in ("page.js", *self._scripts))
+        links = "".join(f'<a href="#{name}">{escape(title)}</a>' for name, title in self._links)
+        data = {"figures": figures, **self._data}
+        return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<title>{escape(self.title)} · {escape(self.kind)}</title>
+<link rel="icon" href="data:,">
+<style>{_static("page.css")}</style>
+</head>
+<body>
+<a class="skip" href="#evidence">Skip to the evidence</a>
+<header class="answer {escape(self.tone)}">
+<div class="words">
+<p class="kind">{escape(self.kind)} · {escape(self.title)}</p>
+<h1>{escape(self.verdict)}</h1>
+{self.lead}
+</div>
+<div class="picture">{self._picture}</div>
+</header>
+<nav aria-label="Sections">{links}</nav>
+<main id="evidence">
+{"".join(self._parts)}
+</main>
+<footer>{self.foot}<p class="hint">Drag in a plot to zoom, double-click to go back. Keyboard: Tab to a plot, then + − ← → and 0.</p></footer>
+<noscript><p class="hint">The plots need JavaScript; the sentences and tables do not.</p></noscript>
+<script type="application/json" id="data">{embed(data)}</script>
+<script>{_plotly()}</script>
+{scripts}</body>
+</html>
+"""
+
+
+def text(value: object) -> str:
+    """HTML text of anything a user may have named."""
+    return escape(str(value))
+
+
+def embed(data: Any) -> str:
+    """JSON that can stand inside a script element, whatever it holds."""
+    return json.dumps(_plain(data), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def packed(values: ArrayLike) -> dict[str, str]:
+    """Numbers as plotly's typed arrays: 32-bit floats in base64, a third of their size in digits."""
+    raw = np.ascontiguousarray(values, dtype="<f4").tobytes()
+    return {"dtype": "f4", "bdata": base64.b64encode(raw).decode("ascii")}
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", words: int = 1) -> str:
+    """An HTML table; cells are HTML. The first ``words`` columns are set left, numbers right."""
+    align = [' class="word"' if i < words else "" for i in range(len(header))]
+    head = "".join(f'<th scope="col"{a}>{cell}</th>' for a, cell in zip(align, header, strict=True))
+    body = "".join(
+        "<tr>" + "".join(_cell(i, a, cell) for i, (a, cell) in enumerate(zip(align, row, strict=True))) + "</tr>" for row in rows
+    )
+    about = f"<caption>{caption}</caption>" if caption else ""
+    return f'<div class="scroll" tabindex="0" role="region" aria-label="table"><table>{about}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def folded(summary: str, html: str) -> str:
+    """HTML that opens on demand (and in print)."""
+    return f"<details><summary>{escape(summary)}</summary>{html}</details>"
+
+
+def _cell(column: int, align: str, cell: str) -> str:
+    return f'<th scope="row"{align}>{cell}</th>' if column == 0 else f"<td{align}>{cell}</td>"
+
+
+def _plain(data: Any) -> Any:
+    """The same with numpy's numbers as Python's, and null for what JSON cannot say."""
+    if isinstance(data, dict):
+        return {str(k): _plain(v) for k, v in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_plain(v) for v in data]
+    if isinstance(data, np.ndarray):
+        return _plain(data.tolist())
+    if isinstance(data, np.generic):
+        return _plain(data.item())
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return data
+
+
+def _static(name: str) -> str:
+    return resources.files(__package__).joinpath("static", name).read_text(encoding="utf-8")
+
+
+def _plotly() -> str:
+    """plotly.js as the Python package ships it, with a ``</script`` inside a string kept from ending the element."""
+    script = resources.files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+    return script.replace("</script", "<\\/script")
