@@ -52,6 +52,8 @@ class SimNode(Node):
     def __init__(self) -> None:
         super().__init__("sim", namespace=NAMESPACE, automatically_declare_parameters_from_overrides=True)
         start = given(self)
+        own_names = {n: v for n, v in start.items() if "." not in n or n.startswith("measured.")}
+        refuse_unknown(own_names, {**PARAMETERS, **MODEL_OPTIONS, **OWN}, self)
         # The core checks what belongs to the model, effects' parameters included, in its own words.
         self.model = Model.from_mapping({n: _plain(v) for n, v in start.items() if n not in OWN}, where="sim")
         effect_parameters = {
@@ -60,7 +62,6 @@ class SimNode(Node):
             for p, declared in self.model.known_effects[name.partition(":")[0]].parameters.items()
         }
         in_model = {**PARAMETERS, **MODEL_OPTIONS, **effect_parameters}
-        refuse_unknown({n: v for n, v in start.items() if "." not in n}, {**in_model, **OWN}, self)
         self._options = declare(self, {**in_model, **OWN}, live={*LIVE, *effect_parameters})
         self._in_model = {*PARAMETERS, *effect_parameters}
 

@@ -62,11 +62,11 @@ def parse_initial_state(text: str) -> dict[str, float]:
     """`"surge_rate=15.5,sway=0.004"` → {"surge_rate": 15.5, "sway": 0.004}; names are checked by the model."""
     values = {}
     for item in filter(None, (part.strip() for part in text.split(","))):
-        name, equals, number = item.partition("=")
+        name, _, number = (part.strip() for part in item.partition("="))
         try:
-            values[name.strip()] = float(number)
+            if not name:
+                raise ValueError
+            values[name] = float(number)
         except ValueError:
             raise InputError(f"initial_state: '{item}' is not name=number, e.g. surge_rate=15.5,sway=0.004") from None
-        if not equals:
-            raise InputError(f"initial_state: '{item}' is not name=number, e.g. surge_rate=15.5,sway=0.004")
     return values

@@ -1,0 +1,153 @@
+"""Real nodes in real processes over real DDS: fixtures that start them, listen, and end them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from inductrack_ros.nodes.domain import claim_domain
+
+_domain = claim_domain()  # before any import of rclpy reads the environment; held until the tests end
+os.environ["ROS_LOG_DIR"] = tempfile.mkdtemp(prefix="inductrack_ros_log_")
+os.environ["PYTHONUNBUFFERED"] = "1"
+
+PATIENCE = 60.0  # s; how long a condition is awaited on a busy machine before a test fails
+
+
+def wait_until(condition: Callable[[], object], what: str, while_waiting: Callable[[], None] | None = None) -> object:
+    """Return the condition's first true value, or fail the test saying what did not happen."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        value = condition()
+        if value:
+            return value
+        if while_waiting:
+            while_waiting()
+        else:
+            time.sleep(0.01)
+    pytest.fail(f"waited {PATIENCE:g} s in vain: {what}")
+
+
+class Process:
+    """One node in a process of its own."""
+
+    def __init__(self, module: str, *args: str, folder: Path) -> None:
+        number = len(list(folder.glob("*.log")))
+        self._log = folder / f"{number:02d}_{module.rpartition('.')[2]}.log"
+        command = [sys.executable, module] if module.endswith(".py") else [sys.executable, "-m", module]
+        with self._log.open("w") as log:
+            self._process = subprocess.Popen([*command, *args], stdout=log, stderr=subprocess.STDOUT, cwd=folder)
+
+    @property
+    def output(self) -> str:
+        return self._log.read_text()
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def wait_for(self, text: str) -> None:
+        wait_until(lambda: text in self.output or not self.running, f"{text!r} in the output")
+        assert text in self.output, self.output
+
+    def send(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
+
+    def wait(self) -> int:
+        """The exit status, once it ends by itself."""
+        return self._process.wait(PATIENCE)
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+        """End it as a user would; a traceback fails the test."""
+        if self.running:
+            self.send(number)
+        status = self._process.wait(PATIENCE)
+        assert "Traceback" not in self.output, self.output
+        return status
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+class Ros:
+    """A node of the test's own, and the processes it talks to."""
+
+    def __init__(self, folder: Path) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        self.folder = folder
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self.node = rclpy.create_node("tester", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._processes: list[Process] = []
+
+    def start(self, module: str, *args: str) -> Process:
+        """Run `python -m inductrack_ros.nodes.<module>`, or a file."""
+        full = module if module.endswith(".py") else f"inductrack_ros.nodes.{module}"
+        process = Process(full, *args, folder=self.folder)
+        self._processes.append(process)
+        return process
+
+    def spin(self, seconds: float = 0.02) -> None:
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def wait(self, condition: Callable[[], object], what: str) -> object:
+        """Spin until the condition holds."""
+        return wait_until(condition, what, self.spin)
+
+    def listen(self, kind: type, topic: str) -> list:
+        """A list that grows with what is published from now on."""
+        heard: list = []
+        self.node.create_subscription(kind, topic, heard.append, 10000)
+        return heard
+
+    def publisher(self, kind: type, topic: str):
+        """A publisher that somebody listens to already."""
+        publisher = self.node.create_publisher(kind, topic, 1000)
+        self.wait(publisher.get_subscription_count, f"somebody who listens to {topic}")
+        return publisher
+
+    def call(self, kind: type, name: str, **fields: object):
+        """The answer of a service."""
+        client = self.node.create_client(kind, name)
+        self.wait(client.service_is_ready, f"service {name}")
+        future = client.call_async(kind.Request(**fields))
+        self.wait(future.done, f"an answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def set_parameter(self, node: str, name: str, value: object):
+        """Set one parameter of another node; returns the result with `successful` and `reason`."""
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        message = Parameter(name, value=value).to_parameter_msg()
+        return self.call(SetParameters, f"{node}/set_parameters", parameters=[message]).results[0]
+
+    def close(self) -> None:
+        for process in self._processes:
+            if process.running:
+                process.kill()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+@pytest.fixture
+def ros(tmp_path: Path) -> Iterator[Ros]:
+    """A fresh node for one test; what the test started is ended with it."""
+    world = Ros(tmp_path)
+    yield world
+    world.close()

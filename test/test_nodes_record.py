@@ -1,0 +1,165 @@
+"""`record`: nothing lost, and a bag that can be read however the recorder ends."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.data.bags import read_bag, write_bag
+from inductrack_ros.nodes.bag import SegmentedBag
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import PoseStamped
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+POSE = "geometry_msgs/msg/PoseStamped"
+
+#: Publishes numbered poses on N topics at 1 kHz until it is told the count or ended; says the last number it sent.
+SOURCE = """
+import sys, time, rclpy
+from geometry_msgs.msg import PoseStamped
+topics, count = int(sys.argv[1]), int(sys.argv[2])
+rclpy.init()
+node = rclpy.create_node("source", namespace="inductrack")
+publishers = [node.create_publisher(PoseStamped, f"topic{i}", 1000) for i in range(topics)]
+while not all(p.get_subscription_count() for p in publishers):
+    time.sleep(0.01)
+message, begin = PoseStamped(), time.perf_counter()
+message.pose.orientation.w = 1.0
+for number in range(count):
+    message.header.stamp.sec, message.header.stamp.nanosec = 1 + number // 1000, number % 1000 * 1_000_000
+    message.pose.position.x = float(number)
+    for publisher in publishers:
+        publisher.publish(message)
+    if number % 50 == 0:
+        print(number, flush=True)
+    wait = begin + (number + 1) / 1000 - time.perf_counter()
+    if wait > 0:
+        time.sleep(wait)
+print("all sent", flush=True)
+time.sleep(600)  # a writer that ends takes what is on its way with it
+"""
+
+
+def numbers_in(bag: Path) -> dict[str, list[int]]:
+    """The number of every message, per topic, by a reader of others."""
+    found: dict[str, list[int]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            found.setdefault(connection.topic, []).append(int(message.pose.position.x))
+    return found
+
+
+def source(ros, topics: int, count: int):
+    script = ros.folder / "source.py"
+    script.write_text(SOURCE)
+    return ros.start(str(script), str(topics), str(count))
+
+
+def test_eight_topics_at_a_kilohertz_lose_nothing(ros, tmp_path):
+    bag = tmp_path / "bag"
+    recorder = ros.start("record", "-o", str(bag))
+    sender = source(ros, 8, 3000)
+    sender.wait_for("all sent")
+    metadata = bag / "metadata.yaml"
+    ros.wait(lambda: "  message_count: 24000" in metadata.read_text(), "the last message in the bag")
+    assert recorder.stop() == 0 and "24000 messages on 8 topics" in recorder.output
+    recorded = numbers_in(bag)
+    assert len(recorded) == 8 and all(numbers == list(range(3000)) for numbers in recorded.values())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_bag_is_complete_after_ctrl_c_and_sigterm(ros, tmp_path, number):
+    bag = tmp_path / "bag"
+    recorder = ros.start("record", "-o", str(bag), "--stamp", "header")
+    sender = source(ros, 1, 100000)
+    sender.wait_for("\n500\n")
+    assert recorder.stop(number) == 0
+    numbers = numbers_in(bag)["/inductrack/topic0"]
+    assert numbers == list(range(len(numbers))) and len(numbers) >= 450
+    run = read_bag(bag, {"pose": "/inductrack/topic0"})  # what `inductrack compare` reads
+    assert len(run.times) == len(numbers) and run.times[-1] == pytest.approx((len(numbers) - 1) / 1000)
+
+
+@pytest.mark.parametrize("moment", [200, 650, 1150, 1600])
+def test_kill_9_costs_at_most_the_last_second(ros, tmp_path, moment):
+    bag = tmp_path / "bag"
+    recorder = ros.start("record", "-o", str(bag))
+    sender = source(ros, 2, 100000)
+    sender.wait_for(f"\n{moment}\n")
+    recorder.kill()
+    sent = int(sender.output.split()[-1]) + 50
+    recorded = numbers_in(bag)
+    for numbers in recorded.values():
+        assert numbers == list(range(len(numbers)))
+        assert sent - len(numbers) <= 1000
+    assert recorded or sent <= 1000
+    assert not [p for p in bag.iterdir() if p.suffix == ".mcap" and p.name not in (bag / "metadata.yaml").read_text()]
+
+
+def test_an_existing_bag_is_not_overwritten(ros, tmp_path):
+    (tmp_path / "bag").mkdir()
+    recorder = ros.start("record", "-o", str(tmp_path / "bag"))
+    assert recorder.wait() == 2
+    assert "exists already; give another --output" in recorder.output and "Traceback" not in recorder.output
+    assert not list((tmp_path / "bag").iterdir())
+
+
+def test_only_asked_topics_and_a_duration(ros, tmp_path):
+    bag = tmp_path / "bag"
+    recorder = ros.start("record", "-o", str(bag), "-d", "0.5", "/inductrack/topic1")
+    publisher = ros.node.create_publisher(PoseStamped, "/inductrack/topic1", 1000)
+    other = ros.node.create_publisher(PoseStamped, "/inductrack/topic0", 1000)
+    ros.wait(publisher.get_subscription_count, "the recorder")
+    while recorder.running:
+        publisher.publish(PoseStamped())
+        other.publish(PoseStamped())
+        time.sleep(0.01)
+    assert recorder.wait() == 0 and re.search(r"\d+ messages on 1 topics", recorder.output)
+    assert list(numbers_in(bag)) == ["/inductrack/topic1"]
+
+
+def test_a_segmented_bag_reads_like_any_other(tmp_path):
+    """The same messages by rosbags' own writer and by the recorder's: same connections, times and bytes."""
+    write_bag(
+        tmp_path / "plain",
+        [0.0, 0.5, 1.0],
+        {c: [0.0, 1.0, 2.0] for c in ("surge", "sway", "heave", "roll", "surge_rate", "sway_rate", "heave_rate", "roll_rate")},
+        start=5.0,
+    )  # fmt: skip
+    ours = SegmentedBag(tmp_path / "ours")
+    with Reader(tmp_path / "plain") as reader:
+        for connection in reader.connections:
+            ours.add_topic(connection.topic, connection.msgtype)
+        for connection, time_ns, raw in reader.messages():
+            ours.write(connection.topic, time_ns, raw)
+            ours.flush()
+    ours.close()
+    both = []
+    for name in ("plain", "ours"):
+        with Reader(tmp_path / name) as reader:
+            both.append((reader.start_time, reader.duration, sorted((c.topic, t, raw) for c, t, raw in reader.messages())))
+    assert both[0] == both[1]
+    with pytest.raises(InputError, match="not known"):
+        ours.add_topic("/odd", "my_msgs/msg/Odd")
+
+
+@pytest.mark.skipif(not os.environ.get("AMENT_PREFIX_PATH"), reason="needs a ROS 2 distribution")
+def test_ros2_bag_reads_it(tmp_path):
+    bag = SegmentedBag(tmp_path / "bag")
+    bag.add_topic("/inductrack/pose", POSE)
+    bag.close()
+    subprocess.run(["ros2", "bag", "info", str(tmp_path / "bag")], check=True, stdout=sys.stderr)

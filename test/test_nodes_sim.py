@@ -1,0 +1,215 @@
+"""The `sim` node over real DDS: topics, parameters, services, drive pulses, shutdown."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import DescribeParameters
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, Range
+from std_srvs.srv import SetBool, Trigger
+
+from inductrack_ros import frames
+from inductrack_ros.core.model import Model
+from inductrack_ros.nodes.topics import nanoseconds_of, pulse_message, stamp_of
+
+RUNS = "Hz at"  # in the line with which the node says that it runs
+
+
+def seconds(message) -> float:
+    return nanoseconds_of(message.header.stamp) / 1e9
+
+
+def options(**values: object) -> list[str]:
+    """`name__part=value` as --ros-args."""
+    pairs = [("-p", f"{name.replace('__', '.')}:={value}") for name, value in values.items()]
+    return ["--ros-args", *(word for pair in pairs for word in pair)]
+
+
+def test_what_is_published_is_the_model_in_ros_axes(ros):
+    topics = {
+        "pose": PoseStamped, "twist": TwistStamped, "odometry": Odometry, "gap_top": Range, "gap_left": Range,
+        "wrench/lift": WrenchStamped, "wrench/slip": WrenchStamped, "wrench/drag": WrenchStamped,
+        "wrench/thrust": WrenchStamped, "wrench/contact": WrenchStamped, "wrench/aerodynamic_drag": WrenchStamped,
+        "wrench/total": WrenchStamped, "measured/pose": PoseStamped, "measured/twist": TwistStamped,
+        "measured/imu": Imu, "measured/gap_top": Range,
+    }  # fmt: skip
+    heard = {topic: ros.listen(kind, f"/inductrack/{topic}") for topic, kind in topics.items()}
+    clock = ros.listen(Clock, "/clock")
+    start = "surge_rate=15.5,sway=0.002,roll=0.01"
+    given = options(publish_clock="true", initial_state=f"'{start}'", effects="[aerodynamic_drag]",
+                    aerodynamic_drag__drag_area=0.03, measured__pose__rate=100.0, details_rate=100.0, paused="true")  # fmt: skip
+    sim = ros.start("sim", *given)
+    publishers = ros.node.get_publishers_info_by_topic
+    ros.wait(lambda: all(publishers(f"/inductrack/{topic}") for topic in topics), "all publishers")
+    ros.call(SetBool, "/inductrack/sim/pause", data=False)
+    ros.wait(lambda: len(heard["wrench/total"]) > 50 and len(heard["measured/imu"]) > 10, "messages")
+    ros.call(SetBool, "/inductrack/sim/pause", data=True)
+
+    model = Model.create(effects={"aerodynamic_drag": {"drag_area": 0.03}})
+    x0 = model.initial_state(surge_rate=15.5, sway=0.002, roll=0.01)
+    times = np.array([seconds(m) for m in heard["pose"]])
+    assert np.allclose(np.diff(times), 1 / 500, atol=2e-9)
+    run = model.simulate(np.concatenate([[0.0], times]), x0)
+    for got, want in zip(heard["pose"], run.states[1:], strict=True):
+        position, orientation = frames.coordinates_to_pose(want[:4])
+        p, q = got.pose.position, got.pose.orientation
+        assert np.allclose([p.x, p.y, p.z], position, atol=1e-6)
+        assert np.allclose([q.x, q.y, q.z, q.w], orientation, atol=1e-6)
+    assert {m.header.frame_id for m in heard["pose"]} == {"track"} and heard["odometry"][0].child_frame_id == "cradle"
+
+    # Forces: parts add up to the total, and the total is mass times acceleration.
+    by_time = {seconds(m): m.wrench for m in heard["wrench/total"]}
+    drag = {seconds(m): m.wrench.force.x for m in heard["wrench/drag"]}
+    moment = next(t for t in by_time if t in drag and t > 0.05)
+    parts = ("lift", "slip", "drag", "thrust", "contact", "aerodynamic_drag")
+    surge = sum(m.wrench.force.x for part in parts for m in heard[f"wrench/{part}"] if seconds(m) == moment)
+    assert surge == pytest.approx(by_time[moment].force.x, rel=1e-9)
+    assert drag[moment] < 0 < [m.wrench.force.z for m in heard["wrench/lift"] if seconds(m) == moment][0]
+    assert heard["gap_top"][0].header.frame_id == "gap_top" and 0.003 < heard["gap_top"][0].range < 0.012
+    assert clock and len({round(s.clock.sec + s.clock.nanosec * 1e-9, 6) for s in clock}) > 50
+
+    # The sensors: another rate, noise about the truth; an Imu at rest would show +g upwards.
+    truth = {seconds(m): m.pose.position.z for m in heard["pose"]}
+    errors = [m.pose.position.z - truth[seconds(m)] for m in heard["measured/pose"] if seconds(m) in truth]
+    assert len(errors) < len(truth) / 3 and 1e-5 < np.std(errors) < 1e-4
+    assert np.mean([m.linear_acceleration.z for m in heard["measured/imu"]]) == pytest.approx(9.81, abs=2.0)
+    assert sim.stop() == 0
+
+
+@pytest.mark.parametrize(
+    "given, says",
+    [
+        (("eta:=20.0",), "eta = 20 is out of range; it must lie in [0.01, 10]"),
+        (("etta:=1.0",), "unknown parameter 'etta'; did you mean 'eta'?"),
+        (("speed_factor:=0.0",), "speed_factor = 0 is out of range"),
+        (("rate:=fast",), "rate = 'fast' is not a number"),
+        (("drive:=steam",), "drive = 'steam'; it must be 'averaged' or 'pulses'"),
+        (("initial_state:=speed=3",), "unknown name 'speed'"),
+        (("effects:=[aerodynamic_drg]",), "unknown effect 'aerodynamic_drg'; did you mean 'aerodynamic_drag'?"),
+        (("measured.heave.nois:=1.0",), "did you mean 'measured.heave.noise'?"),
+    ],
+)
+def test_a_wrong_parameter_is_refused_by_name_at_the_start(ros, given, says):
+    sim = ros.start("sim", "--ros-args", *(word for g in given for word in ("-p", g)))
+    assert sim.wait() == 2
+    assert says in sim.output and len(sim.output.strip().splitlines()) == 1, sim.output
+
+
+def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
+    model = Model.create({"eta": 0.74}, {"viscous_drag": {"coefficient": 0.5}, "sensor_delay:heave": {"delay": 0.002}})
+    model.save(tmp_path / "model.yaml")
+    sim = ros.start("sim", "--ros-args", "--params-file", str(tmp_path / "model.yaml"))
+    sim.wait_for("effects: viscous_drag, sensor_delay:heave")
+    viscous = ros.listen(WrenchStamped, "/inductrack/wrench/viscous_drag")
+    twist = ros.listen(TwistStamped, "/inductrack/twist")
+    ros.wait(lambda: viscous and twist, "the effect's wrench")
+    assert viscous[-1].wrench.force.x == pytest.approx(-0.5 * twist[-1].twist.linear.x, rel=0.05)
+
+    assert ros.set_parameter("/inductrack/sim", "viscous_drag.coefficient", 2.0).successful
+    ros.wait(lambda: viscous[-1].wrench.force.x < -1.9 * twist[-1].twist.linear.x, "the new coefficient to count")
+    for name, value in (("eta", 0.75), ("drive_current", 6000.0), ("speed_factor", 0.5), ("measured.heave.noise", 0.0)):
+        assert ros.set_parameter("/inductrack/sim", name, value).successful
+    for name, value, says in (("eta", 20.0, "10.0"), ("speed_factor", -1.0, "0.001"), ("rate", 100.0, "rate")):
+        result = ros.set_parameter("/inductrack/sim", name, value)
+        assert not result.successful and name in result.reason and says in result.reason
+    described = ros.call(DescribeParameters, "/inductrack/sim/describe_parameters", names=["mass"]).descriptors[0]
+    assert "kg" in described.description and described.floating_point_range[0].to_value == 1e5
+    assert sim.stop() == 0
+
+
+def test_pause_step_reset_and_speed_factor(ros):
+    poses = ros.listen(PoseStamped, "/inductrack/pose")
+    sim = ros.start("sim", *options(publish_clock="true", speed_factor=0.5))
+    ros.wait(lambda: len(poses) > 20, "poses")
+    begin, first = time.monotonic(), seconds(poses[-1])
+    ros.wait(lambda: seconds(poses[-1]) - first > 0.5, "half a simulated second")
+    assert time.monotonic() - begin > 0.7  # half a simulated second at half speed; a busy machine takes longer
+
+    refused = ros.call(Trigger, "/inductrack/sim/step")
+    assert not refused.success and "pause" in refused.message
+    assert ros.call(SetBool, "/inductrack/sim/pause", data=True).success
+    ros.spin(0.2)
+    for _ in range(20):
+        ros.spin()
+    count, stood = len(poses), seconds(poses[-1])
+    assert ros.call(Trigger, "/inductrack/sim/step").success
+    ros.wait(lambda: len(poses) > count, "the pose after one step")
+    for _ in range(10):
+        ros.spin()
+    assert len(poses) == count + 1 and seconds(poses[-1]) - stood == pytest.approx(1 / 500)
+
+    assert ros.call(Trigger, "/inductrack/sim/reset").success
+    ros.wait(lambda: seconds(poses[-1]) == 0.0, "the initial state again")
+    assert poses[-1].pose.position.x == 0.0
+    ros.call(SetBool, "/inductrack/sim/pause", data=False)
+    ros.wait(lambda: poses[-1].pose.position.x > 0.1, "motion again")
+    assert sim.stop() == 0
+
+
+def test_drive_pulses_fired_late_refused_and_two_simulators(ros):
+    sim = ros.start("sim", *options(drive="pulses", publish_clock="true", initial_state="'surge_rate=15.0'"))
+    sim.wait_for("drive: pulses")
+    poses = ros.listen(PoseStamped, "/inductrack/pose")
+    thrusts = ros.listen(WrenchStamped, "/inductrack/wrench/thrust")
+    fired = ros.listen(PointStamped, "/inductrack/fired_pulses")
+    diagnostics = ros.listen(DiagnosticArray, "/diagnostics")
+    pulses = ros.publisher(PointStamped, "/inductrack/drive_pulses")
+    ros.wait(lambda: poses and thrusts, "poses")
+    assert all(m.wrench.force.x == 0.0 for m in thrusts)  # no controller, no thrust
+
+    def send(after: float, coil: float, current: float) -> int:
+        stamp = nanoseconds_of(poses[-1].header.stamp) + round(after * 1e9)
+        pulses.publish(pulse_message(stamp_of(max(stamp, 0)), coil, current))
+        return stamp
+
+    stamp = send(0.2, 40, 7000.0)
+    ros.wait(lambda: fired, "the echo of the pulse")
+    assert nanoseconds_of(fired[0].header.stamp) == pytest.approx(stamp, abs=1000)
+    assert (fired[0].point.x, fired[0].point.y) == (40.0, 7000.0)
+
+    ros.wait(lambda: seconds(poses[-1]) > 0.5, "half a second, for late commands")
+    send(-0.1, 41, 7000.0)
+    for coil, current in ((1e9, 7000.0), (3, math.nan), (3, 1e9)):
+        send(0.2, coil, current)
+
+    def count(name: str) -> str:
+        values = [{v.key: v.value for v in s.values} for d in diagnostics for s in d.status]
+        return values[-1].get(name, "") if values else ""
+
+    ros.wait(lambda: (count("late pulses"), count("refused pulses")) == ("1", "3"), "the counts in the diagnostics")
+    assert count("fired pulses") == "1" and len(fired) == 1
+    assert "late by" in sim.output and "send it further ahead" in sim.output
+
+    second = ros.start("sim")
+    sim.wait_for("two simulators on one domain?")
+    assert second.stop() == 0 and sim.stop() == 0
+
+
+@pytest.mark.parametrize("node", ["sim", "track_controller", "record"])
+def test_ctrl_c_twice_and_sigterm_end_a_node_quietly(ros, node):
+    for first, second in ((signal.SIGINT, signal.SIGINT), (signal.SIGTERM, None)):
+        process = ros.start(node)
+        process.wait_for("[INFO]")
+        process.send(first)
+        if second:
+            process.send(second)
+        assert process.wait() == 0
+        assert "Traceback" not in process.output and "Error" not in process.output, process.output
+
+
+def test_another_namespace(ros):
+    sim = ros.start("sim", "--ros-args", "-r", "__ns:=/rig2")
+    poses = ros.listen(PoseStamped, "/rig2/pose")
+    ros.wait(lambda: poses, "a pose under /rig2")
+    assert sim.stop() == 0
