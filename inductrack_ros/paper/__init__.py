@@ -1,0 +1,1 @@
+"""Kim and Ge (2012) reproduced: what the paper prints (`facts`), what the model gives (`runs`, `stability`, `drive`, `identification`), and the page."""
