@@ -1,8 +1,15 @@
-"""Classical Runge–Kutta with the contacts' switching moments located, so that a kink never falls inside a step.
+"""Classical Runge–Kutta in which no kink falls inside a step.
 
 `kernel` puts this file's text behind the right-hand side it generates and compiles both as one module; the names it
-does not define (``derivative``, ``N_STATES``, …) come from there. Outside contact the forces are smooth and slow, so a step of
-half a millisecond is exact to nanometres; in contact, and while a pulse lasts, the steps are shorter.
+does not define (``derivative``, ``N_STATES``, …) come from there.
+
+Outside contact the forces are smooth and slow, so a step of a millisecond is exact to nanometres. Shorter steps are
+taken in contact, while a pulse lasts, and wherever the embedded third-order result disagrees (a wavy track, a strong
+field, a user's effect). Steps end where a pulse begins or ends, where an array touches or leaves the track, and where
+the travel turns; a cradle that friction holds at a standstill is held, it does not rattle about zero speed.
+
+``rig`` below is what does not change during a step: (P, on, free, touching, origin, averaged, pt, pp, pc), where
+``free`` are the coordinates that move now and pt, pp, pc the pulses' times, places and currents.
 """
 
 # ruff: noqa: F821
@@ -11,6 +18,9 @@ import math
 import numpy as np
 
 MAX_CONTACT_SWITCHES = 100_000  # a run that rattles more often than this is not one we can integrate
+TOLERANCE = np.array([1e-8, 1e-8, 1e-8, 1e-7, 1e-5, 1e-5, 1e-5, 1e-4])  # of the third-order result in one step
+FINEST = 2.0**-10  # steps are not refined further than this: a force that jumps all the time would stop the run
+CREEP = 1e-9  # m/s, the speed at which we ask which way friction pushes
 
 
 def pulse_sum(t, surge, P, pulse_times, pulse_places, pulse_currents, first):
@@ -27,132 +37,181 @@ def pulse_sum(t, surge, P, pulse_times, pulse_places, pulse_currents, first):
     return total
 
 
+def until_pulse_edge(t, tau, pulse_times, first):
+    """Time to the next beginning or end of a pulse (s), and whether one burns now."""
+    wait, burns = math.inf, False
+    for i in range(first, pulse_times.size):
+        if pulse_times[i] > t:
+            return min(wait, pulse_times[i] - t), burns
+        if pulse_times[i] + tau > t:
+            wait, burns = min(wait, pulse_times[i] + tau - t), True
+    return wait, burns
+
+
 def touches(i, P, q):
     """Whether array i is in contact: g < 0 and its force would push. ``q`` holds gaps and their rates."""
     return P[CONTACT_STIFFNESS] * q[i] + P[CONTACT_DAMPING] * max(q[3 + i], 0.0) < 0.0
 
 
+def switches_contact(P, q, touching):
+    """Whether any array's contact differs from ``touching``."""
+    for i in range(3):
+        if touches(i, P, q) != touching[i]:
+            return True
+    return False
+
+
 def step_sizes(P, on, longest):
-    """Longest free step and longest step in contact (s), from the stiffness of the field and of the contact."""
+    """Longest free step and longest step in contact (s), from the stiffness of field and contact; longest travel (m)."""
     arm = P[MAGNET_SIDE_OFFSET] ** 2 + max(P[MAGNET_SIDE_HEIGHT] ** 2, P[MAGNET_TOP_HEIGHT] ** 2)
     inverse_mass = 1.0 / P[MASS] + arm / P[ROLL_INERTIA]
     field_rate = math.sqrt(2.0 * 2.0 * math.pi / P[WAVELENGTH] * P[GRAVITY] * P[MASS] * inverse_mass)
     contact_rate = math.sqrt(P[CONTACT_STIFFNESS] * inverse_mass) + 0.5 * P[CONTACT_DAMPING] * inverse_mass
     free = min(longest, FREE_STEP / max(field_rate, 1e-3))
+    travel = math.inf
     for i in range(MAX_STEPS.size):
-        if on[i] and free > MAX_STEPS[i]:
-            free = MAX_STEPS[i]
-    return free, min(free, CONTACT_STEP / contact_rate)
+        if on[i]:
+            free = min(free, MAX_STEPS[i])
+            if MAX_TRAVELS[i] >= 0:  # the place in P of the length over which the effect repeats
+                travel = min(travel, 0.1 * P[MAX_TRAVELS[i]])
+    return free, min(free, CONTACT_STEP / contact_rate), travel
 
 
-def runge_kutta(t, h, x, k1, x_new, k, stage, q, P, on, moving, touching, origin, averaged, pt, pp, pc, first):
-    """One step of size h from x, whose derivative k1 is known; leaves the end in x_new."""
+def slope(t, x, rig, first, dx, q):
+    """Derivative dx of the state x, and the gaps and their rates in q."""
+    P, on, free, touching, origin, averaged, pt, pp, pc = rig
+    pulse = 0.0 if averaged else pulse_sum(t, x[0], P, pt, pp, pc, first)
+    derivative(t, x, P, on, free, touching, origin, averaged, pulse, dx, q, False)
+
+
+def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
+    """One step from x, whose derivative k1 is known, to x_new with derivative k_new, gaps q_new.
+
+    Returns how far the embedded third-order result (weights ⅙ ⅓ ⅓ 0 and ⅙ on k_new) is off, over the tolerance.
+    """
+    P, on, free, touching, origin, averaged, pt, pp, pc = rig
     for i in range(N_STATES):
         x_new[i] = x[i] + h / 6.0 * k1[i]
         stage[i] = x[i] + 0.5 * h * k1[i]
     for s in range(3):
         ts = t + (h if s == 2 else 0.5 * h)
         pulse = 0.0 if averaged else pulse_sum(ts, stage[0], P, pt, pp, pc, first)
-        derivative(ts, stage, P, on, moving, touching, origin, averaged, pulse, k, q, False)
+        derivative(ts, stage, P, on, free, touching, origin, averaged, pulse, k, q_new, False)
         weight = h / 6.0 if s == 2 else h / 3.0
         ahead = h if s == 1 else 0.5 * h
         for i in range(N_STATES):
             x_new[i] += weight * k[i]
             stage[i] = x[i] + ahead * k[i]
+    pulse = 0.0 if averaged else pulse_sum(t + h, x_new[0], P, pt, pp, pc, first)
+    derivative(t + h, x_new, P, on, free, touching, origin, averaged, pulse, k_new, q_new, False)
+    error = 0.0
+    for i in range(8):
+        error = max(error, h / 6.0 * abs(k[i] - k_new[i]) / TOLERANCE[i])
+    return error
+
+
+def sticks(t, x, rig, first, k, q):
+    """Whether a cradle that stands is held: creeping forth the force pushes it back, and creeping back, forth."""
+    free, speed = rig[2], x[4]
+    was, free[0] = free[0], 1.0
+    x[4] = CREEP
+    slope(t, x, rig, first, k, q)
+    forth = k[4]
+    x[4] = -CREEP
+    slope(t, x, rig, first, k, q)
+    back = k[4]
+    x[4], free[0] = speed, was
+    return forth < 0.0 < back
 
 
 def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
     """Carry the state x from time t through ``times`` and write the `state.OUTPUTS` at each into ``out`` (n, 15).
 
     x is changed in place and ends as the state at the last of ``times``. Rows after a state that is no longer finite
-    are NaN. Returns the number of contact switches.
+    are NaN.
     """
-    free_step, contact_step = step_sizes(P, on, longest)
-    pulse_step = 0.1 * P[PULSE_LENGTH]
-    k1, k, stage, x_new = np.empty(N_STATES), np.empty(N_STATES), np.empty(N_STATES), np.empty(N_STATES)
+    free_step, contact_step, travel_step = step_sizes(P, on, longest)
+    x_new, k1, k_new = np.empty(N_STATES), np.empty(N_STATES), np.empty(N_STATES)
+    k, stage = np.empty(N_STATES), np.empty(N_STATES)
     q, q_new = np.empty(N_QUANTITIES), np.empty(N_QUANTITIES)
-    touching, flipped = np.zeros(3, np.bool_), np.zeros(3, np.bool_)
-    first, switches = 0, 0
+    touching, free = np.zeros(3, np.bool_), np.empty(4)
+    for i in range(4):
+        free[i] = moving[i]
+    rig = (P, on, free, touching, origin, averaged, pt, pp, pc)
+    first, switches, refine = 0, 0, 1.0
 
-    pulse = 0.0 if averaged else pulse_sum(t, x[0], P, pt, pp, pc, first)
-    derivative(t, x, P, on, moving, touching, origin, averaged, pulse, k1, q, False)
+    slope(t, x, rig, first, k1, q)
     for i in range(3):
         touching[i] = touches(i, P, q)
-    if touching[0] or touching[1] or touching[2]:
-        derivative(t, x, P, on, moving, touching, origin, averaged, pulse, k1, q, False)
+    if x[4] == 0.0 and free[0] > 0.0 and sticks(t, x, rig, first, k, q_new):
+        free[0] = 0.0
+    slope(t, x, rig, first, k1, q)
 
     for row in range(times.size):
         target = times[row]
         while t < target:
+            in_contact = touching[0] or touching[1] or touching[2]
+            limit = contact_step if in_contact else free_step
+            if travel_step < limit * abs(x[4]):
+                limit = travel_step / abs(x[4])
             remaining = target - t
-            limit = contact_step if touching[0] or touching[1] or touching[2] else free_step
             if not averaged:
                 while first < pt.size and pt[first] + P[PULSE_LENGTH] <= t:
                     first += 1
-                if first < pt.size:  # steps end where a half sine begins or ends
-                    if pt[first] > t:
-                        remaining = min(remaining, pt[first] - t)
-                    else:
-                        limit = min(limit, pulse_step)
-                        for i in range(first, min(first + 4, pt.size)):
-                            if pt[i] > t:
-                                remaining = min(remaining, pt[i] - t)
-                            elif pt[i] + P[PULSE_LENGTH] > t:
-                                remaining = min(remaining, pt[i] + P[PULSE_LENGTH] - t)
-            n = math.ceil(remaining / limit - 1e-9)
-            last = n <= 1
-            h = remaining if last else remaining / n
+                wait, burns = until_pulse_edge(t, P[PULSE_LENGTH], pt, first)
+                remaining = min(remaining, wait)
+                if burns:
+                    limit = min(limit, 0.1 * P[PULSE_LENGTH])
+            h = remaining / max(math.ceil(remaining / (limit * refine) - 1e-9), 1)
 
-            runge_kutta(t, h, x, k1, x_new, k, stage, q_new, P, on, moving, touching, origin, averaged, pt, pp, pc, first)
-            pulse = 0.0 if averaged else pulse_sum(t + h, x_new[0], P, pt, pp, pc, first)
-            derivative(t + h, x_new, P, on, moving, touching, origin, averaged, pulse, k, q_new, False)
+            error = step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage)
+            if error > 1.0 and refine > FINEST:
+                refine *= 0.5
+                continue
+            if error < 0.03 and refine < 1.0:
+                refine *= 2.0
 
-            flips = False
-            for i in range(3):
-                flipped[i] = touches(i, P, q_new) != touching[i]
-                flips = flips or flipped[i]
-            if flips and h > 1e-9:
-                # Bisect on the step: low ends before the switch, high just after it.
+            turns = x[4] * x_new[4] < 0.0
+            if turns or switches_contact(P, q_new, touching):
+                # Bisect on the step: low ends before the event, high just after it.
                 low, high = 0.0, h
-                while high - low > 1e-9 and high - low > 1e-6 * h:
+                while high - low > max(1e-9, 1e-6 * h):
                     middle = 0.5 * (low + high)
-                    runge_kutta(t, middle, x, k1, x_new, k, stage, q_new, P, on, moving, touching, origin, averaged, pt, pp, pc, first)
-                    pulse = 0.0 if averaged else pulse_sum(t + middle, x_new[0], P, pt, pp, pc, first)
-                    derivative(t + middle, x_new, P, on, moving, touching, origin, averaged, pulse, k, q_new, False)
-                    any_flip = False
-                    for i in range(3):
-                        any_flip = any_flip or touches(i, P, q_new) != touching[i]
-                    if any_flip:
+                    step(t, middle, x, k1, rig, first, x_new, k_new, q_new, k, stage)
+                    if x[4] * x_new[4] < 0.0 or switches_contact(P, q_new, touching):
                         high = middle
                     else:
                         low = middle
-                if high < h:
-                    h = high
-                    last = False
-                runge_kutta(t, h, x, k1, x_new, k, stage, q_new, P, on, moving, touching, origin, averaged, pt, pp, pc, first)
-                pulse = 0.0 if averaged else pulse_sum(t + h, x_new[0], P, pt, pp, pc, first)
-                derivative(t + h, x_new, P, on, moving, touching, origin, averaged, pulse, k, q_new, False)
-            if flips:
+                h = high
+                step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage)
                 for i in range(3):
                     touching[i] = touches(i, P, q_new)
-                derivative(t + h, x_new, P, on, moving, touching, origin, averaged, pulse, k, q_new, False)
+                if x[4] * x_new[4] < 0.0 and sticks(t + h, x_new, rig, first, k, q_new):
+                    x_new[4] = free[0] = 0.0
+                slope(t + h, x_new, rig, first, k_new, q_new)
                 switches += 1
                 if switches > MAX_CONTACT_SWITCHES:
                     x_new[0] = np.nan
-            t = target if last and h == target - t else t + h
-            x[:] = x_new
-            k1[:] = k
-            q[:] = q_new
+            elif moving[0] > 0.0 and free[0] == 0.0 and not sticks(t + h, x_new, rig, first, k, q_new):
+                free[0] = 1.0
+                slope(t + h, x_new, rig, first, k_new, q_new)
+
+            t = target if h == target - t else t + h
+            for i in range(N_STATES):
+                x[i], k1[i] = x_new[i], k_new[i]
+            for i in range(6):
+                q[i] = q_new[i]
             if not math.isfinite(x[0] + x[1] + x[2] + x[3]):
-                out[row:] = np.nan
-                return switches
+                for later in range(row, times.size):
+                    for i in range(15):
+                        out[later, i] = np.nan
+                return
         for i in range(8):
             out[row, i] = x[i]
         for i in range(3):
             out[row, 8 + i] = q[i]
         for i in range(4):
             out[row, 11 + i] = k1[4 + i]
-    return switches
 
 
 def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, longest, out):

@@ -13,6 +13,7 @@ import importlib.util
 import inspect
 import os
 import platform
+import re
 import sys
 import tempfile
 import types
@@ -23,6 +24,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from . import effects as effects_package
 from . import equations, integrator
 from .effects import Effect
 from .errors import InputError, did_you_mean
@@ -37,8 +39,9 @@ QUANTITIES = (
     "arm_top_x", "arm_right_x", "arm_right_y", "arm_left_x", "arm_left_y", "overlap", "current_lift", "current_drag",
 )  # fmt: skip
 #: Longest free step over the field's time scale, and contact step over the contact's: set by the golden trajectories.
-FREE_STEP, CONTACT_STEP = 0.04, 0.2
+FREE_STEP, CONTACT_STEP = 0.08, 0.4
 
+_FLAGS = ("averaged", "touching_top", "touching_right", "touching_left")
 _MOMENT = ("time", "travel", "pulse_current", "averaged", "touching_top", "touching_right", "touching_left")
 
 
@@ -78,7 +81,7 @@ def _call(index: int, item: Effect, known: set[str], column: dict[str, int]) -> 
             remedy = (
                 f"; it is not known yet where {item.targets[0]} is decided" if late else did_you_mean(name, sorted(known))
             )
-            raise InputError(f"effect '{item.name}' asks for '{name}', which is not there{remedy}")
+            raise InputError(f"{_place(item)} asks for '{name}', which is not there{remedy}")
     results = [f"r{index}_{i}" for i in range(len(item.targets) + len(item.states))]
     call = f"{', '.join(results)} = effect_{index}({', '.join(arguments)})"
     sign = "" if item.replaces else "+"
@@ -100,7 +103,7 @@ def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
     for item in effects:
         for target in item.targets:
             if target not in _QUANTITY_NAMES | set(PARAMETERS):
-                raise InputError(f"effect '{item.name}' changes '{target}'{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}")
+                raise InputError(f"{_place(item)} changes '{target}', which is not there{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}")
     used = {"mass", "roll_inertia"} | {n.id for s in _BODY for n in ast.walk(s) if isinstance(n, ast.Name)}
     used |= {a for item in effects for a in (*item.arguments, *item.targets)} & set(PARAMETERS)
     lines = [f"{name} = P[{column[name]}]" for name in PARAMETERS if name in used]
@@ -131,9 +134,41 @@ def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
     return "\n".join([head, *(f"    {line}" for line in unpack + lines)])
 
 
+def _plain(value: object) -> object:
+    """The Python function behind an effect or a jitted function; anything else as it is."""
+    value = value.function if isinstance(value, Effect) else value
+    return getattr(value, "py_func", value)
+
+
+def _jit(function: Callable, done: dict[int, Callable]) -> Callable:
+    """``function`` for numba, together with the plain Python functions it calls."""
+    if hasattr(function, "py_func"):  # the user's own @njit
+        return function
+    if id(function) in done:
+        return done[id(function)]
+    names = dict(function.__globals__)
+    cells = [types.CellType(c.cell_contents) for c in function.__closure__ or ()]
+    copy = types.FunctionType(function.__code__, names, function.__name__, function.__defaults__, tuple(cells))
+    done[id(function)] = compiled = numba.njit(nogil=True, error_model="numpy")(copy)
+
+    def helper(value: object) -> object:
+        inner = value.function if isinstance(value, Effect) else value
+        return _jit(inner, done) if isinstance(inner, types.FunctionType) else value
+
+    for name in _names_in(function.__code__) & set(names):
+        names[name] = helper(names[name])
+    for cell in cells:
+        cell.cell_contents = helper(cell.cell_contents)
+    return compiled
+
+
+def _names_in(code: types.CodeType) -> set[str]:
+    return set(code.co_names).union(*(_names_in(c) for c in code.co_consts if isinstance(c, types.CodeType)))
+
+
 def _fingerprint(function: Callable, seen: set[int]) -> str:
     """What a function does: its code and everything its code refers to, so that an edit anywhere shows."""
-    function = getattr(function, "py_func", function)
+    function = _plain(function)
     if id(function) in seen:
         return ""
     seen.add(id(function))
@@ -144,13 +179,16 @@ def _fingerprint(function: Callable, seen: set[int]) -> str:
         for constant in c.co_consts:
             code(constant) if isinstance(constant, types.CodeType) else parts.append(repr(constant))
         parts.append(repr((c.co_names, c.co_varnames, c.co_freevars)))
+        modules = [m for n in c.co_names if isinstance(m := function.__globals__.get(n), types.ModuleType)]
         for name in c.co_names:
             describe(name, function.__globals__.get(name))
+            for module in modules:  # helper.rate, say; of numpy and math the version counts, see `build`
+                describe(f"{module.__name__}.{name}", getattr(module, name, None))
 
     def describe(name: str, value: object) -> None:
         if isinstance(value, np.ndarray):
             parts.append(f"{name}={value.dtype}{value.shape}{value.tobytes().hex()}")
-        elif hasattr(value, "py_func") or isinstance(value, types.FunctionType):
+        elif isinstance(_plain(value), types.FunctionType):
             parts.append(name + _fingerprint(value, seen))
         elif not isinstance(value, types.ModuleType):
             parts.append(f"{name}={value!r}")
@@ -164,7 +202,7 @@ def _fingerprint(function: Callable, seen: set[int]) -> str:
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
     constants = {name.upper(): column[name] for name in PARAMETERS}
     constants |= {"N_STATES": n_states, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
-    jitted = ["pulse_sum", "touches", "step_sizes", "runge_kutta", "integrate"]
+    jitted = ["pulse_sum", "until_pulse_edge", "touches", "switches_contact", "step_sizes", "slope", "step", "sticks", "integrate"]
     text = inspect.getsource(integrator)
     options = "nogil=True, error_model='numpy'"
     for name in jitted:
@@ -177,6 +215,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         "from numba import njit",
         f"SQRT_HALF = {equations.SQRT_HALF!r}",
         f"MAX_STEPS = np.array([{', '.join(repr(e.max_step) for e in effects)}], dtype=np.float64)",
+        f"MAX_TRAVELS = np.array([{', '.join(str(column.get(f'{e.name}.{e.max_travel}', -1)) for e in effects)}], dtype=np.int64)",
         *(f"{name} = {value!r}" for name, value in constants.items()),
         "",
         f"@njit({options})",
@@ -205,6 +244,7 @@ def cache_folder() -> Path:
 
 
 _kernels: dict[str, Kernel] = {}
+_built: dict[tuple[int, ...], tuple[list[Effect], Kernel]] = {}  # by identity of the effects, which it keeps alive
 
 
 def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None = None) -> Kernel:
@@ -214,6 +254,13 @@ def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None 
     `InputError` for an effect that asks for what is not there or that numba cannot compile.
     """
     items = [e for e in effects.values() if not e.of_channel]
+    identity = tuple(map(id, items))
+    if identity not in _built:
+        _built[identity] = items, _build(items, announce)
+    return _built[identity][1]
+
+
+def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kernel:
     names = [*PARAMETERS] + [f"{e.name}.{p}" for e in items for p in e.parameters]
     carried = [f"{e.name}.{s}" for e in items for s in e.states]
     column = {n: i for i, n in enumerate(names)} | {n: 8 + i for i, n in enumerate(carried)}
@@ -221,7 +268,7 @@ def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None 
     for item in items:
         for quantity in item.states.values():
             if quantity not in QUANTITIES:
-                raise InputError(f"effect '{item.name}': a state starts on '{quantity}'{did_you_mean(quantity, QUANTITIES)}")
+                raise InputError(f"{_place(item)}: a state starts on '{quantity}', which is not there{did_you_mean(quantity, QUANTITIES)}")
     text = _module_text(items, column, 8 + len(carried))
     ingredients = [text, numba.__version__, np.__version__, sys.version, platform.processor(), platform.machine()]
     ingredients += [_fingerprint(e.function, set()) for e in items]
@@ -240,46 +287,80 @@ def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None 
     name = f"inductrack_kernel_{key}"
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
+    done: dict[int, Callable] = {}
     for i, item in enumerate(items):
-        setattr(module, f"effect_{i}", numba.njit(nogil=True, error_model="numpy")(item.function))
+        setattr(module, f"effect_{i}", _jit(item.function, done))
     sys.modules[name] = module
     spec.loader.exec_module(module)
-    if announce and not list(folder.glob("__pycache__/*.nbc")):
-        announce("compiling the model, once for this set of effects …")
+    if not list(folder.glob("__pycache__/*.nbc")):
+        for i, item in enumerate(items):
+            if not _is_ours(item):
+                _check_alone(item, getattr(module, f"effect_{i}"))
+        if announce:
+            announce("compiling the model, once for this set of effects …")
     kernel = Kernel(
         tuple(e.name for e in items), tuple(names), STATES + tuple(carried), started_on,
         module.simulate_batch, module.evaluate, text,
     )  # fmt: skip
-    _warm_up(kernel, items)
+    _warm_up(kernel)
     _kernels[key] = kernel
     return kernel
 
 
-def _warm_up(kernel: Kernel, items: list[Effect]) -> None:
-    """Compile (or load) now, with every effect tried alone if the whole does not compile, to name the one at fault."""
+def _warm_up(kernel: Kernel) -> None:
+    """Compile, or load from the cache, now rather than in the middle of a run."""
     n = len(kernel.states)
     P = np.array([PARAMETERS[p].default if p in PARAMETERS else 1.0 for p in kernel.parameters])
-    empty = np.empty(0)
-    on = np.zeros((1, len(items)), np.bool_)
+    on, moving, none = np.zeros((1, len(kernel.effects)), np.bool_), np.ones(4), np.empty(0)
     try:
-        kernel.evaluate(0.0, np.zeros(n), P, on[0], np.ones(4), 0.0, True, empty, empty, empty, np.zeros(n), np.zeros(len(QUANTITIES)))
+        kernel.evaluate(0.0, np.zeros(n), P, on[0], moving, 0.0, True, none, none, none, np.zeros(n), np.zeros(len(QUANTITIES)))
         kernel.simulate_batch(
-            np.zeros(1), 0.0, np.zeros((1, n)), P[None], on, np.ones(4), np.zeros(1), True, empty, empty, empty, 1.0, np.zeros((1, 1, 15))
+            np.zeros(1), 0.0, np.zeros((1, n)), P[None], on, moving, np.zeros(1), True, none, none, none, 1.0, np.zeros((1, 1, 15))
         )
     except numba.core.errors.NumbaError as error:
-        for item in items:
-            try:
-                numba.njit(item.function).compile((numba.float64,) * len(item.arguments))
-            except numba.core.errors.NumbaError as own:
-                raise InputError(
-                    f"effect '{item.name}' cannot be compiled: {_first_line(own)}; use arithmetic, math functions and if"
-                ) from own
-        wrong = next((e.name for e in items if f"effect_{items.index(e)}" in str(error)), None)
-        raise InputError(
-            f"effect '{wrong or '?'}' returns something else than {'its targets'}: {_first_line(error)}"
-        ) from error
+        raise InputError(f"the effects {', '.join(kernel.effects)} do not compile together: {_reason(error)}") from error
 
 
-def _first_line(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return next((line for line in lines if "rror" not in line or ":" in line), lines[0])[:160] if lines else type(error).__name__
+def _is_ours(item: Effect) -> bool:
+    return item.function.__module__.startswith(effects_package.__name__)
+
+
+def _place(item: Effect) -> str:
+    """Who is at fault, at the head of a message: file and line too where the effect is the user's."""
+    code = item.function.__code__
+    return f"effect '{item.name}'" if _is_ours(item) else f"{code.co_filename}, line {code.co_firstlineno}: effect '{item.name}'"
+
+
+def _check_alone(item: Effect, function: Callable) -> None:
+    """Compile one effect for numbers and look at what it returns, so that an error names it and comes at once."""
+    number, flag = numba.float64, numba.boolean
+    own = set(item.parameters) | set(item.states)
+    signature = tuple(flag if a in _FLAGS and a not in own else number for a in item.arguments)
+    try:
+        function.compile(signature)
+    except Exception as error:  # numba has many; all are about this function's text
+        raise InputError(f"{_place(item)} cannot be compiled: {_reason(error)}; use numbers, math functions and if") from error
+    returned = function.overloads[signature].signature.return_type
+    given = list(returned) if isinstance(returned, numba.types.BaseTuple) else [returned]
+    wanted = [*item.targets, *(f"rate of {s}" for s in item.states)]
+    real = (numba.types.Float, numba.types.Integer, numba.types.Boolean)
+    if isinstance(returned, numba.types.NoneType | numba.types.Optional):
+        problem = "does not always return a value"
+    elif len(given) != len(wanted) or (len(wanted) == 1 and given[0] is not returned):
+        problem = f"returns {len(given)} values"
+    elif any(not isinstance(g, real) for g in given):
+        problem = f"returns {returned}, not real numbers"
+    else:
+        return
+    raise InputError(f"{_place(item)} {problem}; it must return {len(wanted)}: {', '.join(wanted)}")
+
+
+def _reason(error: Exception) -> str:
+    """The line of a compiler's message that tells a user what to change, with its place."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    noise = ("Failed in ", "During:", "File ", "There are ", "- ", "This error", "To see", "<source")
+    told = [line for line in lines if not line.startswith(noise)]
+    place = re.search(r'File "[^"]*", line (\d+)', text)
+    reason = (told or lines or [type(error).__name__])[0].rstrip(".:")[:200]
+    return reason + (f" (line {place[1]})" if place else "")

@@ -17,12 +17,13 @@ offline, in fits and in the diagnosis.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib
-import importlib.util
 import inspect
 import pkgutil
 import sys
+import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,7 +45,8 @@ class Effect:
 
     ``states`` maps each state the effect carries to the quantity whose value (without the effect) it starts on; the
     function then returns, after what it adds or changes, the states' time derivatives. ``max_step`` (s) bounds the
-    integration step while the effect is on; ``only`` limits it to the ``averaged`` or the ``pulses`` drive;
+    integration step while the effect is on, and a tenth of the parameter named by ``max_travel`` (m), over which the
+    effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged`` or the ``pulses`` drive;
     ``of_channel`` marks a sensor effect, used as ``name:channel``.
     """
 
@@ -55,6 +57,7 @@ class Effect:
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     states: Mapping[str, str] = field(default_factory=dict)
     max_step: float = 1.0
+    max_travel: str = ""
     only: str = ""
     screened: bool = True
 
@@ -81,6 +84,7 @@ def effect(
     parameters: Mapping[str, Parameter] | None = None,
     states: Mapping[str, str] | None = None,
     max_step: float = 1.0,
+    max_travel: str = "",
     only: str = "",
     screened: bool = True,
 ) -> Callable[[Callable], Effect]:
@@ -97,25 +101,42 @@ def effect(
         targets = (targets,) if isinstance(targets, str) else tuple(targets)
         if adds and (wrong := [t for t in targets if t not in FORCES]):
             raise InputError(f"effect '{name}' adds to '{wrong[0]}'; an effect may add to {', '.join(FORCES)}")
+        if any(t in READINGS for t in targets) and len(targets) > 1:
+            raise InputError(f"effect '{name}': a sensor effect changes {' or '.join(READINGS)} and nothing else")
+        arguments = inspect.signature(function).parameters
+        if odd := [a.name for a in arguments.values() if a.kind is not a.POSITIONAL_OR_KEYWORD]:
+            raise InputError(f"effect '{name}': '{odd[0]}' is not a plain argument; name each quantity it needs")
         own = dict(parameters or {})
-        if unused := [p for p in own if p not in inspect.signature(function).parameters]:
-            raise InputError(f"effect '{name}' declares parameter '{unused[0]}' but its function does not take it")
-        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, only, screened)
+        if odd := [p for p, declared in own.items() if not isinstance(declared, Parameter)]:
+            raise InputError(
+                f"effect '{name}': declare '{odd[0]}' as Parameter(default, unit, low, high, meaning), not {own[odd[0]]!r}"
+            )
+        for kind, names in (("parameter", own), ("state", states or {})):
+            if unused := [n for n in names if n not in arguments]:
+                raise InputError(f"effect '{name}' declares {kind} '{unused[0]}' but its function does not take it")
+        if max_travel and max_travel not in own:
+            raise InputError(f"effect '{name}': max_travel = '{max_travel}' is not one of its parameters")
+        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened)
 
     return declare
 
 
-def _effects_in(module) -> list[Effect]:
+def _effects_in(module: types.ModuleType) -> list[Effect]:
     return [value for value in vars(module).values() if isinstance(value, Effect)]
 
 
-def catalogue() -> dict[str, Effect]:
-    """The effects that ship with the package, by name, in the order of their files' names."""
+@functools.cache
+def _catalogue() -> dict[str, Effect]:
     found = {}
     for info in sorted(pkgutil.iter_modules(__path__), key=lambda m: m.name):
         for item in _effects_in(importlib.import_module(f"{__name__}.{info.name}")):
             found[item.name] = item
     return found
+
+
+def catalogue() -> dict[str, Effect]:
+    """The effects that ship with the package, by name, in the order of their files' names."""
+    return dict(_catalogue())
 
 
 def load_effects(files: Iterable[str | Path] = ()) -> dict[str, Effect]:
@@ -125,34 +146,40 @@ def load_effects(files: Iterable[str | Path] = ()) -> dict[str, Effect]:
     """
     found = catalogue()
     for given in files:
-        path = Path(given).expanduser().resolve()
-        if not path.is_file():
-            raise InputError(f"effect file {given}: no such file; give the path of a Python file with @effect functions")
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
-        name = f"inductrack_user_effects_{path.stem}_{digest}"
-        if name not in sys.modules:
-            spec = importlib.util.spec_from_file_location(name, path)
-            if spec is None or spec.loader is None:
-                raise InputError(f"effect file {given}: not a Python file; its name must end in .py")
-            module = importlib.util.module_from_spec(spec)
-            try:
-                exec(compile(path.read_bytes(), str(path), "exec"), vars(module))  # never from a stale .pyc
-            except InputError:
-                raise
-            except Exception as error:  # whatever the user's code raises is the user's to read
-                line = getattr(error, "lineno", None) or next(
-                    (f.lineno for f in reversed(inspect.trace()) if f.filename == str(path)), "?"
-                )
-                raise InputError(f"effect file {given}, line {line}: {type(error).__name__}: {error}") from error
-            sys.modules[name] = module
-        items = _effects_in(sys.modules[name])
+        items = [item for item in _effects_in(_run_file(given)) if item is not _catalogue().get(item.name)]
         if not items:
             raise InputError(f"effect file {given}: no @effect function in it; see docs/effects.md for the ten lines it takes")
         for item in items:
-            if item.name in catalogue():
-                raise InputError(f"effect file {given}: '{item.name}' is in the catalogue already; rename yours")
-            found[item.name] = item
+            if found.setdefault(item.name, item) is not item:
+                owner = "the catalogue" if item.name in _catalogue() else "another effect file"
+                raise InputError(f"effect file {given}: '{item.name}' is in {owner} already; rename yours")
     return found
+
+
+def _run_file(given: str | Path) -> types.ModuleType:
+    """The module a user's file makes; one for each content, so that an edited file is a new module."""
+    try:
+        path = Path(given).expanduser().resolve()
+        content = path.read_bytes()
+    except (OSError, ValueError, RuntimeError) as error:
+        problem = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({type(error).__name__})"
+        raise InputError(f"effect file {given}: {problem}; give the path of a Python file with @effect functions") from error
+    name = f"inductrack_user_effects_{path.stem}_{hashlib.sha256(bytes(path) + content).hexdigest()[:12]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    module = sys.modules[name] = types.ModuleType(name)
+    module.__file__ = str(path)
+    try:
+        exec(compile(content, str(path), "exec"), vars(module))  # not an import: that could be from a stale .pyc
+    except (Exception, SystemExit) as error:  # whatever the user's code raises is the user's to read
+        del sys.modules[name]
+        own_lines = [f.lineno for f in inspect.trace() if f.filename == str(path)]
+        line = getattr(error, "lineno", None) or (own_lines[-1] if own_lines else None)
+        place = f", line {line}" if line else ""
+        reason = str(getattr(error, "msg", None) or error).partition("\n")[0]
+        kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
+        raise InputError(f"effect file {given}{place}: {kind}{reason}") from error
+    return module
 
 
 def split_name(name: str, known: Mapping[str, Effect], channels: Iterable[str], where: str = "") -> tuple[Effect, str]:

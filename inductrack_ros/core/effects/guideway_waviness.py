@@ -7,6 +7,7 @@ from . import Parameter, effect
 
 @effect(
     changes=("track_height", "track_height_rate"),
+    max_travel="wavelength",
     parameters={
         "amplitude": Parameter(0.0, "m", -0.01, 0.01, "amplitude a", "guideway survey", typical=5e-5),
         "wavelength": Parameter(1.0, "m", 0.02, 100.0, "wavelength Λ", "guideway survey", typical=0.05),
