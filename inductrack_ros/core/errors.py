@@ -9,6 +9,9 @@ from collections.abc import Iterable
 class InputError(Exception):
     """Wrong input from a user. The command line prints the message and exits with status 2."""
 
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(str(message).splitlines()))  # one line, whatever names and values are quoted in it
+
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the nearest known name, or a list of all when none is near."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+import re
+import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -88,11 +90,11 @@ class Model:
     ) -> Model:
         """A checked model. ``effects`` are names, or a mapping from names to parameter values. Raises `InputError`."""
         place = f"{where}: " if where else ""
-        if dof not in MOVING or isinstance(dof, bool):
-            raise InputError(f"{place}dof = {dof!r}; it must be 1, 2 or 4")
+        if isinstance(dof, bool) or dof not in tuple(MOVING):
+            raise InputError(f"{place}dof = {dof!r:.60}; it must be 1, 2 or 4")
         if drive not in DRIVES:
-            raise InputError(f"{place}drive = {drive!r}; it must be 'averaged' or 'pulses'")
-        files = tuple(str(f) for f in effect_files)
+            raise InputError(f"{place}drive = {drive!r:.60}; it must be 'averaged' or 'pulses'")
+        files = tuple(os.path.abspath(os.path.expanduser(f)) for f in effect_files)  # a saved model may go elsewhere
         known = load_effects(files)
         given = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
         checked: dict[str, dict[str, float]] = {}
@@ -107,7 +109,7 @@ class Model:
                 p: declared.check(f"{name}.{p}", values.get(p, declared.default), where)
                 for p, declared in item.parameters.items()
             }
-        return cls(check_parameters(parameters or {}, where), checked, dof, drive, files)
+        return cls(check_parameters(parameters or {}, where), checked, int(dof), drive, files)
 
     @classmethod
     def default(cls) -> Model:
@@ -138,7 +140,7 @@ class Model:
         dof, drive = values.pop("dof", 4), values.pop("drive", "averaged")
         names = _text_list(values.pop("effects", []), "effects", place)
         files = [
-            str((folder / f).resolve()) if folder and not os.path.isabs(os.path.expanduser(f)) else f
+            os.path.join(folder, os.path.expanduser(f)) if folder else f
             for f in _text_list(values.pop("effect_files", []), "effect_files", place)
         ] + [str(f) for f in extra_files]
         base: dict[str, object] = {}
@@ -238,8 +240,8 @@ class Model:
         for name, value in given.items():
             if name not in STATES:
                 raise InputError(f"initial state: unknown name '{name}'{did_you_mean(name, STATES)}")
-            if not np.isfinite(value):
-                raise InputError(f"initial state: {name} = {value} is not finite")
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
+                raise InputError(f"initial state: {name} = {value!r} is not a finite number")
         x = np.zeros(len(self.kernel.states))
         for name, value in given.items():
             x[INDEX[name]] = value
@@ -249,14 +251,22 @@ class Model:
 
     def with_effect_states(self, x: np.ndarray, time: float = 0.0) -> np.ndarray:
         """``x`` with the effects' own states set to the quantities they start on (steady values)."""
-        x = np.asarray(x, float)
         full = np.zeros(len(self.kernel.states))
-        full[: min(len(x), len(full))] = x[: len(full)]
+        full[:8] = np.asarray(x, float)[:8]
         if len(full) > 8:
             without = self.switches & ~np.array([bool(self.known_effects[n].states) for n in self.kernel.effects])
             _, q = self._evaluate(time, full, self.vector, without)
             full[8:] = [q[kernels.QUANTITIES.index(name)] for name in self.kernel.started_on]
         return full
+
+    def _whole_state(self, x: np.ndarray, time: float = 0.0) -> np.ndarray:
+        """A copy of ``x`` of the kernel's length; the compiled code checks no bounds, so this does."""
+        x = np.array(x, float)
+        if x.shape == (8,):
+            return self.with_effect_states(x, time)
+        if x.shape != (len(self.kernel.states),):
+            raise InputError(f"a state has 8 entries, or {len(self.kernel.states)} with those of the effects; got shape {x.shape}")
+        return x
 
     def equilibrium_heave(self, speed: float) -> float:
         """Heave at which the vertical forces balance at ``speed`` (m/s), on the track where nothing carries. Newtons cancel to 1e-9."""
@@ -267,8 +277,8 @@ class Model:
             x[INDEX["heave"]] = heave
             return self._evaluate(0.0, self.with_effect_states(x), self.vector, self.switches)[1][_FORCE_HEAVE]
 
-        low, high = -self.parameters["nominal_gap"] - 2e-3, self.parameters["nominal_gap"]
-        if force(low) <= 0:
+        low, high = -self.parameters["nominal_gap"] - 2e-3, max(self.parameters["nominal_gap"], 1e-3)
+        if not force(low) > 0:
             raise InputError(f"nothing carries the cradle at {speed:g} m/s, not even the track; look at mass and contact_stiffness")
         for _ in range(6):
             if force(high) < 0:
@@ -291,9 +301,9 @@ class Model:
         travel counts from x. A state that leaves all bounds ends in NaN rows.
         """
         times = np.ascontiguousarray(times, float)
-        if times.ndim != 1 or times.size == 0 or (np.diff(times) < 0).any():
+        if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
             raise InputError("simulate: times must be a rising list of seconds")
-        x = self.with_effect_states(x) if len(x) == 8 else np.array(x, float)
+        x = self._whole_state(x, times[0] if start is None else start)
         outputs = np.empty((1, times.size, len(OUTPUTS)))
         state = x[None].copy()
         begin = times[0] if start is None else start
@@ -310,16 +320,13 @@ class Model:
         origin: float = 0.0,
     ) -> np.ndarray:
         """The state at ``until`` from ``x`` at ``time``: one step of a real-time loop. ``origin`` is the surge where the run began."""
-        state = np.array(x, float)[None]
+        state = self._whole_state(x, time)[None]
         self._run(np.array([until]), time, state, origin, drive_current, pulses, 1.0, np.empty((1, 1, len(OUTPUTS))))
         return state[0]
 
     def _run(self, times, start, state, origin, drive_current, pulses, longest, outputs) -> None:
         averaged = self.drive == "averaged"
-        P = self.vector
-        if drive_current is not None:
-            P = P.copy()
-            P[_DRIVE_CURRENT] = drive_current
+        P = self._vector_at(drive_current)
         pt, pp, pc = _NONE, _NONE, _NONE
         if not averaged and pulses is not None:
             pt, pp, pc = pulses.arrays(self.parameters["wavelength"])
@@ -339,7 +346,7 @@ class Model:
         self, x: np.ndarray, time: float = 0.0, drive_current: float | None = None, pulses: Pulses | None = None, origin: float = 0.0
     ) -> dict[str, float]:
         """The named quantities of `kernel.QUANTITIES` (gaps, forces per array, …) and the accelerations at one moment, SI."""
-        P = self._vector_at(drive_current)
+        P, x = self._vector_at(drive_current), self._whole_state(x, time)
         dx, q = self._evaluate(time, x, P, self.switches, pulses, origin)
         return dict(zip(kernels.QUANTITIES, q.tolist(), strict=True)) | {
             f"{c}_acceleration": float(dx[4 + i]) for i, c in enumerate(COORDINATES)
@@ -354,7 +361,7 @@ class Model:
         ``total``. An effect's wrench is what would be missing without it; one that changes a quantity inside the model
         (say the resistance) shows there too, so the parts add up without those.
         """
-        P = self._vector_at(drive_current)
+        P, x = self._vector_at(drive_current), self._whole_state(x, time)
         _, q = self._evaluate(time, x, P, self.switches, pulses, origin)
         g = dict(zip(kernels.QUANTITIES, q, strict=True))
         total = q[_TOTAL]
@@ -398,8 +405,6 @@ def _arrays_wrench(g: Mapping[str, float], kind: str) -> np.ndarray:
 
 
 def _announce(message: str) -> None:
-    import sys
-
     print(message, file=sys.stderr, flush=True)
 
 
@@ -407,32 +412,63 @@ def _text_list(value: object, name: str, place: str) -> list[str]:
     if isinstance(value, str):
         value = [value]
     if not isinstance(value, (list, tuple)) or any(not isinstance(v, str) for v in value):
-        raise InputError(f"{place}{name} must be a list of names, got {value!r}")
+        raise InputError(f"{place}{name} must be a list of names, got {value!r:.60}")
     return [v for v in value if v]
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML as ROS 2 reads it: 1e-3 is a number (YAML 1.1, which PyYAML follows, asks for 1.0e-3), there are no aliases."""
+
+    def compose_node(self, parent, index):
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.MarkedYAMLError(problem="aliases (*name) cannot stand here", problem_mark=self.peek_event().start_mark)
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node, deep=False):
+        mapping = super().construct_mapping(node, deep)
+        if len(mapping) < len(node.value):
+            names = [k.value for k, _ in node.value]
+            again = next((k for i, (k, _) in enumerate(node.value) if k.value in names[:i]), node)
+            raise yaml.MarkedYAMLError(problem=f"'{again.value}' is given twice", problem_mark=again.start_mark)
+        return mapping
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
 
 
 def read_parameter_file(path: str | Path) -> dict[str, object]:
     """Flat names and values of a ROS 2 parameter file (any node's block) or of a plain YAML mapping. Raises `InputError`."""
     try:
-        loaded = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({error.__class__.__name__}); give a YAML file") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
+    try:
+        loaded = yaml.load(text, _Loader)
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deep; {_EXPECTED}") from error
+    except Exception as error:  # PyYAML lets ValueError and others through for odd scalars
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
-        raise InputError(f"{path}{line}: not valid YAML: {getattr(error, 'problem', None) or error}") from error
+        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
+        raise InputError(f"{path}{line}: not valid YAML: {problem}") from error
     if not isinstance(loaded, dict):
-        raise InputError(f"{path}: expected parameter names with values, got {type(loaded).__name__}")
-    blocks: list[dict] = []
+        raise InputError(f"{path}: {_EXPECTED}, got {type(loaded).__name__}")
+    blocks: list[object] = []
     _find_blocks(loaded, blocks)
     flat: dict[str, object] = {}
     for block in blocks or [loaded]:
         if not isinstance(block, dict):
             raise InputError(f"{path}: ros__parameters must hold parameter names with values")
-        _flatten(block, "", flat)
+        _flatten(block, "", flat, path)
     return flat
+
+
+_EXPECTED = "expected parameter names with values"
+_DEEPEST = 8  # far more than a node's name and an effect's parameter need
 
 
 def _find_blocks(node: object, found: list) -> None:
@@ -444,10 +480,12 @@ def _find_blocks(node: object, found: list) -> None:
                 _find_blocks(value, found)
 
 
-def _flatten(node: dict, prefix: str, flat: dict[str, object]) -> None:
+def _flatten(node: dict, prefix: str, flat: dict[str, object], path: str | Path) -> None:
     for key, value in node.items():
         name = f"{prefix}{key}"
-        if isinstance(value, dict):
-            _flatten(value, name + ".", flat)
-        else:
+        if not isinstance(value, dict):
             flat[name] = value
+        elif name.count(".") < _DEEPEST:
+            _flatten(value, name + ".", flat, path)
+        else:
+            raise InputError(f"{path}: '{name[:60]}' is nested too deep; {_EXPECTED}")

@@ -46,8 +46,11 @@ class Parameter:
         """Return ``value`` as a float, or raise `InputError` naming the parameter and its range."""
         place = f"{where}: " if where else ""
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-            raise InputError(f"{place}{name} = {value!r} is not a number; give one in {self.range_text()}")
-        number = float(value)
+            raise InputError(f"{place}{name} = {value!r:.60} is not a number; give one in {self.range_text()}")
+        try:
+            number = float(value)
+        except OverflowError:  # an integer of hundreds of digits
+            number = math.inf if value > 0 else -math.inf
         if math.isnan(number) or not self.low <= number <= self.high:
             raise InputError(f"{place}{name} = {number:g} is out of range; it must lie in {self.range_text()}")
         return number

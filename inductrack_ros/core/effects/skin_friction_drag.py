@@ -4,7 +4,6 @@ import math
 
 from . import Parameter, effect
 
-
 LENGTH = 0.65  # m, body length l of (16)
 VISCOSITY = 1.862e-5  # Pa·s, μ of (16)
 
