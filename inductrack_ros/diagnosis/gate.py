@@ -18,7 +18,7 @@ from scipy import linalg, stats
 from ..core.state import COORDINATES
 from ..estimation.fit import Fit
 from ..estimation.problem import STATE_PRIOR, Problem
-from .signatures import VARIABLES, RunResponse, basis, knots, moving_coordinates, responses
+from .signatures import VARIABLES, RunResponse, basis, in_coordinate, knots, moving_coordinates, responses
 
 #: A complete model is turned down in at most this part of campaigns by the scores, and by whiteness and χ² each.
 LEVEL_SCORES, LEVEL_WHITENESS, LEVEL_SIZE = 0.02, 0.01, 0.005
@@ -32,12 +32,17 @@ LAGS = 12
 
 @dataclass(frozen=True)
 class Test:
-    """One test: its name, statistic, degrees of freedom and p-value if it were the only one."""
+    """One test: its name, statistic, degrees of freedom and log p-value if it were the only one."""
 
     name: str
     statistic: float
     dof: int
-    p_value: float
+    log_p: float
+
+    @property
+    def p_value(self) -> float:
+        """The p-value itself, 0 where it underflows."""
+        return float(np.exp(self.log_p))
 
 
 @dataclass(frozen=True)
@@ -86,18 +91,21 @@ def _orthonormal(a: np.ndarray) -> np.ndarray:
     return u[:, s > 1e-10 * max(s.max(initial=0.0), 1e-300)]
 
 
-def force_families(problem: Problem, runs: Sequence[RunResponse], counts=(COARSE, FINE)):
-    """Names and columns (per run) of a force of any shape: ``("heave on surge", [ (m, count), … ])``, coarse and fine."""
+def force_families(problem: Problem, runs: Sequence[RunResponse]) -> list[tuple[str, list[np.ndarray]]]:
+    """A force of any shape in each coordinate on each variable: names (``heave on surge``) and columns (m_i, l) per run."""
+    shapes = []
+    for variable in VARIABLES:
+        for count in (COARSE, FINE) if variable in ("surge", "time") else (COARSE,):
+            if (laid := knots(runs, variable, count)) is not None:
+                shapes.append((variable, [basis(r.variables[variable], *laid, count) for r in runs]))
+    edges = np.cumsum([0] + [parts[0].shape[1] for _, parts in shapes])
+    together = [np.hstack([parts[i] for _, parts in shapes]) for i in range(len(runs))]
+    families = []
     for coordinate in moving_coordinates(problem.dof):
-        for variable in VARIABLES:
-            for count in counts:
-                if count > COARSE and variable not in ("surge", "time"):
-                    continue
-                laid = knots(runs, variable, count)
-                if laid is None:
-                    continue
-                columns = [r.respond(coordinate, basis(r.variables[variable], *laid, count)) for r in runs]
-                yield f"{COORDINATES[coordinate]} on {variable}", columns
+        columns = [r.respond(in_coordinate(coordinate, h)) for r, h in zip(runs, together, strict=True)]
+        for (variable, _), a, b in zip(shapes, edges[:-1], edges[1:], strict=True):
+            families.append((f"{COORDINATES[coordinate]} on {variable}", [c[:, a:b] for c in columns]))
+    return families
 
 
 def check(problem: Problem, fit: Fit, effect_columns: dict[str, list[np.ndarray]] | None = None, seed: int = 0) -> Gate:
@@ -118,7 +126,7 @@ def check(problem: Problem, fit: Fit, effect_columns: dict[str, list[np.ndarray]
     size = _size(problem, fit)
     tests.append(size)
     adequate = p_scores > LEVEL_SCORES and p_white > LEVEL_WHITENESS and size.p_value > LEVEL_SIZE
-    return Gate(adequate, p_scores, p_white, size.p_value, tuple(sorted(tests, key=lambda t: t.p_value)))
+    return Gate(adequate, p_scores, p_white, size.p_value, tuple(sorted(tests, key=lambda t: t.log_p)))
 
 
 def _score_tests(names, blocks, residual, rng) -> tuple[list[Test], float]:
@@ -147,7 +155,7 @@ def _score_tests(names, blocks, residual, rng) -> tuple[list[Test], float]:
     log_p = stats.chi2.logsf(observed, dof)
     smallest = stats.chi2.logsf(null, dof).min(axis=1)
     p = float((1 + np.sum(smallest <= log_p.min())) / (DRAWS + 1))
-    tests = [Test(n, float(o), int(d), float(np.exp(l))) for n, o, d, l in zip(kept, observed, dof, log_p, strict=True)]
+    tests = [Test(n, float(o), int(d), float(l)) for n, o, d, l in zip(kept, observed, dof, log_p, strict=True)]
     return tests, p
 
 
@@ -167,7 +175,7 @@ def _whiteness(problem: Problem, fit: Fit) -> list[Test]:
                 total += n * (n + 2) * (r[lag:] @ r[:-lag] / power) ** 2 / (n - lag)
             dof += LAGS
         if dof:
-            tests.append(Test(f"whiteness of {channel}", total, dof, float(stats.chi2.sf(total, dof))))
+            tests.append(Test(f"whiteness of {channel}", total, dof, float(stats.chi2.logsf(total, dof))))
     return tests
 
 
@@ -176,4 +184,4 @@ def _size(problem: Problem, fit: Fit) -> Test:
     used = len(fit.theta) + sum(len(p.free_states) for p in fit.linear)
     dof = max(fit.samples - used, 1)
     statistic = fit.chi2 / (1 + NOISE_TOLERANCE) ** 2
-    return Test("size of χ²", statistic, dof, float(stats.chi2.sf(statistic, dof)))
+    return Test("size of χ²", statistic, dof, float(stats.chi2.logsf(statistic, dof)))

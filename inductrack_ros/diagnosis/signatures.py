@@ -39,25 +39,25 @@ class RunResponse:
         histories = {s: self.outputs[:, INDEX[s]] for s in STATES}
         return histories | {"time": self.data.grid, "drive": np.full(n, self.data.run.drive_current)}
 
-    def respond(self, coordinate: int, forces: np.ndarray) -> np.ndarray:
-        """Change of the measurements over noise, (m, l), that force histories (n, l) in a coordinate (N or N·m) would make."""
-        a = forces * self.inverse_inertia[coordinate]
-        h = np.diff(self.data.grid)[:, None]
-        n, width = a.shape
+    def respond(self, forces: np.ndarray) -> np.ndarray:
+        """Change of the measurements over noise, (m, l), that force histories (n, 4, l) (N, N·m by coordinate) would make."""
+        a = forces * self.inverse_inertia[:, None]
+        half = 0.5 * np.diff(self.data.grid)
+        n, _, width = a.shape
         state = np.zeros((n, 8, width))
         for k in range(n - 1):
             kicked = state[k].copy()
-            kicked[4 + coordinate] += 0.5 * h[k] * a[k]
-            state[k + 1] = self.transitions[k] @ kicked
-            state[k + 1, 4 + coordinate] += 0.5 * h[k] * a[k + 1]
+            kicked[4:] += half[k] * a[k]
+            np.matmul(self.transitions[k], kicked, out=state[k + 1])
+            state[k + 1, 4:] += half[k] * a[k + 1]
         data = self.data
         result = np.empty((len(data.y), width))
         for column in np.unique(data.column):
             mine = data.column == column
-            result[mine] = self._output(OUTPUTS[column], state, coordinate, a)[data.row[mine]]
+            result[mine] = self._output(OUTPUTS[column], state)[data.row[mine]]
         return result / self.sigma[data.channel][:, None]
 
-    def _output(self, name: str, state: np.ndarray, coordinate: int, a: np.ndarray) -> np.ndarray:
+    def _output(self, name: str, state: np.ndarray) -> np.ndarray:
         if name in STATES:
             return state[:, STATES.index(name)]
         if name in GAPS:
@@ -127,6 +127,13 @@ def basis(values: np.ndarray, start: float, step: float, count: int) -> np.ndarr
     u = np.clip((values - start) / step, 0.0, count - 1.0)[:, None] - np.arange(count)
     u = np.abs(u)
     return np.where(u < 1, 2 / 3 - u**2 + u**3 / 2, np.where(u < 2, (2 - u) ** 3 / 6, 0.0))
+
+
+def in_coordinate(coordinate: int, histories: np.ndarray) -> np.ndarray:
+    """Force histories (n, 4, l) from those (n, l) of one coordinate."""
+    forces = np.zeros((histories.shape[0], 4, histories.shape[1]))
+    forces[:, coordinate] = histories
+    return forces
 
 
 def moving_coordinates(dof: int) -> list[int]:

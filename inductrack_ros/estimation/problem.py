@@ -233,22 +233,28 @@ class Problem:
         low, high = structure.bounds
         up = np.minimum(theta + THETA_STEP, high)
         down = np.maximum(theta - THETA_STEP, low)
+        if reuse is not None:  # a quick look takes one-sided differences
+            down = np.where(up > theta, theta, down)
 
         def task(i: int) -> Linearisation:
             data = self.runs[i]
             free = data.free_states if reuse is None else data.free_states[:0]
-            jobs = 1 + 2 * g + 2 * len(free)
+            points = [(k, v) for side in (up, down) for k, v in enumerate(side) if v != theta[k]]
+            jobs = 1 + len(points) + 2 * len(free)
             thetas, x = np.tile(theta, (jobs, 1)), np.tile(states[i], (jobs, 1))
-            for k in range(g):
-                thetas[1 + 2 * k, k], thetas[2 + 2 * k, k] = up[k], down[k]
+            for j, (k, v) in enumerate(points):
+                thetas[1 + j, k] = v
             for k, s in enumerate(free):
-                x[1 + 2 * g + 2 * k, s] += STATE_STEPS[s]
-                x[2 + 2 * g + 2 * k, s] -= STATE_STEPS[s]
+                x[jobs - 2 * len(free) + k, s] += STATE_STEPS[s]
+                x[jobs - len(free) + k, s] -= STATE_STEPS[s]
             out = self.simulate(structure, i, thetas, x, until)
             read = self.predict(structure, i, thetas, out)
             weight = 1.0 / self.sigma[data.channel]
-            by_theta = (read[1 : 1 + 2 * g : 2] - read[2 : 2 + 2 * g : 2]) / (up - down)[:, None]
-            by_state = (read[1 + 2 * g :: 2] - read[2 + 2 * g :: 2]) / (2 * STATE_STEPS[free])[:, None]
+            at = {(k, v): 1 + j for j, (k, v) in enumerate(points)}
+            ends = [(read[at.get((k, up[k]), 0)], read[at.get((k, down[k]), 0)]) for k in range(g)]
+            by_theta = np.array([(a - b) / (up[k] - down[k]) for k, (a, b) in enumerate(ends)]).reshape(g, data.y.size)
+            plus, minus = np.split(read[len(read) - 2 * len(free) :], 2)
+            by_state = (plus - minus) / (2 * STATE_STEPS[free])[:, None]
             return Linearisation(
                 (data.y - read[0]) * weight,
                 (by_theta * weight).T,

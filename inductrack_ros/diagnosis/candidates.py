@@ -1,0 +1,186 @@
+"""The rivals: every screened effect of the catalogue and of the user's files, every sensor fault on every channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ..core import kernel as kernels
+from ..core.state import INDEX
+from ..estimation.fit import Fit
+from ..estimation.problem import THETA_STEP, Linearisation, Problem
+from ..estimation.structure import Structure
+from .gate import Projector
+from .signatures import RunResponse
+
+#: A candidate whose fall in χ² is this improbable by chance, all tries of the family counted, is significant.
+LEVEL = 0.01
+#: Waviness is sought at wavelengths from this many metres up.
+SHORTEST_WAVE = 0.1
+#: How many of the best wavelengths are tried in full.
+WAVE_STARTS = 3
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that could be missing: name, where its parameters may start, and how many independent tries it stands for."""
+
+    name: str
+    starts: tuple[Mapping[str, float], ...]
+    tries: int
+    parameters: int
+
+    def threshold(self, family: int) -> float:
+        """Fall in χ² that chance reaches in `LEVEL` of campaigns with ``family`` candidates."""
+        return float(stats.chi2.isf(LEVEL / (family * self.tries), max(self.parameters, 1)))
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A candidate's first-order standing at a fit: the fall in χ² it promises, its signature columns (m_i, l) per run."""
+
+    candidate: Candidate
+    promise: float
+    columns: list[np.ndarray]
+    deviation: float  # of its first parameter, in fit units
+
+
+def names(problem: Problem, structure: Structure) -> list[str]:
+    """Full names of all candidates not yet in the structure, as far as they can matter in these runs."""
+    averaged = all(d.averaged for d in problem.runs)
+    found = []
+    for name, item in structure.model.known_effects.items():
+        if not item.screened:
+            continue
+        if item.only and (item.only == "averaged") != averaged:
+            continue
+        if item.of_channel:
+            found += [f"{name}:{c}" for c in problem.channels]
+        else:
+            found.append(name)
+    return [n for n in found if n not in structure.effects]
+
+
+def screen(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project: Projector | None = None) -> list[Screened]:
+    """Score test of every candidate at a fit, best promise first; those the data cannot see at all are left out."""
+    project = project or Projector(problem, fit)
+    linear_ones, switches, waves = [], [], []
+    for name in names(problem, fit.structure):
+        item = fit.structure.model.known_effects[name.partition(":")[0]]
+        if name == "guideway_waviness":
+            waves.append(name)
+        elif item.parameters:
+            linear_ones.append(name)
+        else:
+            switches.append(name)
+    columns = _columns_at_vanishing(problem, fit, linear_ones)
+    columns |= {name: _switch_columns(problem, fit, name) for name in switches}
+    result = []
+    for name, parts in columns.items():
+        p = fit.structure.model.known_effects[name.partition(":")[0]].parameters
+        standing = _standing(project, parts)
+        if standing is not None:
+            result.append(Screened(Candidate(name, ({},), 1, len(p)), standing[0], parts, standing[1]))
+    if waves:
+        result += _screen_waves(problem, fit, responses, project)
+    return sorted(result, key=lambda s: -s.promise)
+
+
+def _standing(project: Projector, parts: list[np.ndarray]) -> tuple[float, float] | None:
+    """Promised fall in χ² and deviation of the first coefficient; None where the data cannot see it."""
+    raw = project.stack(parts)
+    if not np.isfinite(raw).all():
+        return None
+    projected = project(raw)
+    size, left = np.linalg.norm(raw, axis=0), np.linalg.norm(projected, axis=0)
+    if (left < 1e-5 * size).any() or (left < 1e-6).any():
+        return None
+    q, r = np.linalg.qr(projected)
+    promise = float(np.sum((q.T @ project.residual) ** 2))
+    return promise, float(np.linalg.norm(np.linalg.inv(r), axis=1)[0])
+
+
+def _columns_at_vanishing(problem: Problem, fit: Fit, wanted: list[str]) -> dict[str, list[np.ndarray]]:
+    """Derivative of the predictions over noise by each candidate's parameters where it vanishes, (m_i, p) per run."""
+    wide = fit.structure
+    for name in wanted:
+        wide = wide.plus(name)
+    own = Structure(wide.model, tuple(f for f in wide.free if f not in fit.structure.free))
+    base = Structure(fit.structure.with_theta(fit.theta).with_changes(effects={**fit.model.effects, **{n: wide.model.effects[n] for n in wanted}}), own.free)
+    no_state_work = [Linearisation(p.residual, p.by_theta, p.by_state, p.free_states) for p in fit.linear]
+    parts = problem.linearise(base, base.start, fit.states, reuse=no_state_work)
+    return {n: [p.by_theta[:, [k for k, f in enumerate(own.free) if f.rpartition(".")[0] == n]] for p in parts] for n in wanted}
+
+
+def _switch_columns(problem: Problem, fit: Fit, name: str) -> list[np.ndarray]:
+    """Difference an effect without parameters makes, (m_i, 1) per run."""
+    with_it = fit.structure.plus(name)
+    after = problem.residuals(with_it, fit.theta, fit.states)
+    return [(p.residual - r)[:, None] for p, r in zip(fit.linear, after, strict=True)]
+
+
+def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project: Projector) -> list[Screened]:
+    """Waviness at every wavelength the runs can tell apart: the best few, with amplitude and phase to start from."""
+    stiffness = [_track_stiffness(problem, fit, i, r) for i, r in enumerate(responses)]
+    reach = max(float(np.ptp(r.variables["surge"])) for r in responses)
+    speeds = np.concatenate([r.variables["surge_rate"] for r in responses])
+    fastest = max(float(np.nanmax(speeds)), 1e-3)
+    spacing = max(float(np.median(np.diff(r.data.grid))) for r in responses)
+    shortest = max(SHORTEST_WAVE, 2.5 * fastest * spacing)
+    inverse = np.arange(1, max(2, int(reach / shortest * 1.5)) + 1) / (1.5 * reach)
+    tried = []
+    for chunk in np.array_split(inverse, max(1, len(inverse) // 60)):
+        parts = []
+        for r, k in zip(responses, stiffness, strict=True):
+            phase = 2 * np.pi * np.outer(r.variables["surge"], chunk)
+            height = np.stack([np.sin(phase), np.cos(phase)], axis=2).reshape(len(phase), -1)
+            parts.append(r.respond(k[:, :, None] * height[:, None, :]))
+        projected = project(project.stack(parts))
+        for j, nu in enumerate(chunk):
+            pair = projected[:, 2 * j : 2 * j + 2]
+            if np.linalg.norm(pair, axis=0).min() < 1e-3:
+                continue
+            coefficients, *_ = np.linalg.lstsq(pair, project.residual, rcond=None)
+            promise = float(project.residual @ (pair @ coefficients))
+            tried.append((promise, nu, coefficients, [p[:, 2 * j : 2 * j + 2] for p in parts], 1 / np.linalg.norm(pair[:, 0])))
+    tried.sort(key=lambda t: -t[0])
+    starts: list[Mapping[str, float]] = []
+    for _, nu, (a, b), _, _ in tried:
+        if all(abs(nu - 1 / s["wavelength"]) > 1.5 / reach for s in starts):
+            starts.append({"amplitude": float(np.hypot(a, b)), "wavelength": float(1 / nu), "phase": float(np.arctan2(b, a))})
+        if len(starts) == WAVE_STARTS:
+            break
+    if not starts:
+        return []
+    candidate = Candidate("guideway_waviness", tuple(starts), 2 * len(inverse), 3)
+    return [Screened(candidate, tried[0][0], tried[0][3], tried[0][4])]
+
+
+def _track_stiffness(problem: Problem, fit: Fit, i: int, response: RunResponse) -> np.ndarray:
+    """Generalised force per height of the track, (n, 4), along a run: minus its derivative by heave."""
+    data, model = problem.runs[i], fit.model
+    P = fit.structure.vectors(fit.theta[None])[0]
+    P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
+    n_states, h = len(model.kernel.states), 1e-5
+    dx, q = np.zeros(n_states), np.zeros(len(kernels.QUANTITIES))
+    forces = [kernels.QUANTITIES.index(n) for n in ("force_surge", "force_sway", "force_heave", "moment_roll")]
+    out = np.zeros((len(data.grid), 4))
+    x = np.zeros(n_states)
+    for k, t in enumerate(data.grid):
+        for sign in (1.0, -1.0):
+            x[:8] = response.outputs[k, :8]
+            x[INDEX["heave"]] += sign * h
+            model.kernel.evaluate(t, x, P, model.switches, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
+            out[k] -= sign * q[forces] / (2 * h)
+    return out
+
+
+def effect_columns(screened: Sequence[Screened]) -> dict[str, list[np.ndarray]]:
+    """Signature columns by candidate, for the gate."""
+    return {s.candidate.name: s.columns for s in screened}
+
+
+__all__ = ["THETA_STEP", "Candidate", "Screened", "effect_columns", "names", "screen"]
