@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .core.errors import InputError
 from .core.model import Model
 from .core.state import OUTPUTS, STATES
 from .data import Campaign, Run, write_prediction
@@ -146,7 +147,7 @@ class Comparison:
 
 def compare(campaign: Campaign, model: Model) -> Comparison:
     """Predict every run and say where the prediction fails. Raises `InputError` for what cannot be simulated."""
-    noise, given = _noise(campaign)
+    noise = noise_levels(campaign)
     problem, structure = Problem(campaign, model, noise), Structure(model, ())
     states = problem.for_runs(lambda i: _initial_state(problem.subset([i]), structure, HORIZONS, 0.02))
     everywhere = Problem(replace(campaign, runs=tuple(_filled(r) for r in campaign.runs)), model, noise)
@@ -171,7 +172,7 @@ def compare(campaign: Campaign, model: Model) -> Comparison:
         )
 
     runs = tuple(one(i) for i in range(len(campaign.runs)))
-    return Comparison(campaign, model, noise, given, runs, _stretches(runs))
+    return Comparison(campaign, model, noise, frozenset(campaign.noise_std), runs, _stretches(runs))
 
 
 def write_results(result: Comparison, folder: Path) -> None:
@@ -365,10 +366,10 @@ def _stretches(runs: tuple[RunComparison, ...]) -> tuple[Stretch, ...]:
     found: list[Stretch] = []
     for by, unit, about in KINDS:
         where = np.concatenate([r.conditions[by] for r in runs])
-        edges = np.array([0.0, 1.0, 2.0]) if by == "contact" else nice_edges(where, about)
+        edges = np.array([0.0, 1.0, 2.0]) if by == "contact" else _populated(where, nice_edges(where, about))
         for low, high in zip(edges[:-1], edges[1:], strict=True):
             inside = [(r.conditions[by] >= low) & (r.conditions[by] < high) for r in runs]
-            if sum(int(i.sum()) for i in inside) >= FEWEST:
+            if any(i.any() for i in inside):
                 found.append(_stretch(by, unit, float(low), float(high), runs, inside))
     return tuple(found)
 
@@ -395,6 +396,19 @@ def _stretch(
     return Stretch(by, unit, low, high, samples, over(whole), each(whole), None if math.isnan(local) else local, each(afresh))
 
 
+def _populated(values: Array, edges: Array) -> Array:
+    """``edges`` without those that leave fewer than `FEWEST` values in a part, and wide enough for all values."""
+    step = edges[1] - edges[0]
+    first = edges[0] - step * max(0, math.ceil((edges[0] - values.min()) / step))
+    last = edges[-1] + step * max(0, math.floor((values.max() - edges[-1]) / step) + 1 if values.max() >= edges[-1] else 0)
+    kept = [first]
+    for edge in edges[1:-1]:
+        inside = int(((values >= kept[-1]) & (values < edge)).sum())
+        if inside >= FEWEST and int((values >= edge).sum()) >= FEWEST:
+            kept.append(edge)
+    return np.array([*kept, last])
+
+
 def nice_edges(values: Array, about: int) -> Array:
     """Round edges (steps of 1, 2 or 5) that cut the range of nearly all ``values`` into at most ``about`` parts."""
     values = values[np.isfinite(values)]
@@ -417,9 +431,40 @@ def _rank(error: float) -> float:
     return -1.0 if math.isnan(error) else error
 
 
-def _noise(campaign: Campaign) -> tuple[dict[str, float], frozenset[str]]:
-    given = frozenset(campaign.noise_std)
-    return {c: campaign.noise_std[c] for c in campaign.channels}, given
+def noise_levels(campaign: Campaign) -> dict[str, float]:
+    """Noise (standard deviation) of each channel: as the campaign states it, else estimated from what no motion can follow."""
+    return {c: campaign.noise_std.get(c) or _estimated_noise(campaign, c) for c in campaign.channels}
+
+
+def _estimated_noise(campaign: Campaign, channel: str) -> float:
+    """Noise of a channel from how far samples lie off the cubic through their four neighbours, by the median: impacts do not count."""
+    scores = []
+    for run in campaign.runs:
+        if channel in run.channels and len((samples := run.samples(channel))[0]) > 4:
+            t, y = (np.lib.stride_tricks.sliding_window_view(a, 5) for a in samples)
+            t = t - t[:, 2:3]
+            others = (0, 1, 3, 4)
+            weights = [np.prod([t[:, j] / (t[:, j] - t[:, i]) for j in others if j != i], axis=0) for i in others]
+            off = y[:, 2] - sum(w * y[:, i] for w, i in zip(weights, others, strict=True))
+            scores.append(np.abs(off) / np.sqrt(1.0 + sum(w**2 for w in weights)))
+    noise = 1.4826 * float(np.median(np.concatenate(scores))) if scores else 0.0
+    noise = max(noise, *(_resolution(run, channel) / math.sqrt(12.0) for run in campaign.runs), 0.0)
+    if noise <= 0.0:
+        raise InputError(
+            f"{campaign.folder}: the noise of {channel} cannot be estimated (too few samples, or none at all); "
+            f"give noise_std: {{{channel}: …}} in campaign.yaml"
+        )
+    return noise
+
+
+def _resolution(run: Run, channel: str) -> float:
+    """Smallest step between two readings: a sensor that rounds is no better than that."""
+    if channel not in run.channels:
+        return 0.0
+    readings = run.samples(channel)[1]
+    different = np.unique(readings)
+    rounds = 1 < different.size < 0.5 * readings.size
+    return float(np.diff(different).min()) if rounds else 0.0
 
 
 def _finite(data: Any) -> Any:

@@ -21,6 +21,7 @@ _BY = {
     "place": ("Place along the track", "m", 1.0),
     "contact": ("Contact", "", 1.0),
 }
+_WHERE = {"speed": "at {}", "gap": "at a top gap of {}", "place": "{} along the track", "contact": "{}"}
 
 
 def compare_report(result: Comparison) -> str:
@@ -41,7 +42,7 @@ def compare_report(result: Comparison) -> str:
             [_traces(r) for r in result.runs],
             result.noise,
             start=(worst.run.name, _worst_channel(worst)),
-            words=("this model", ""),
+            words=("by this model", ""),
         ),
     )
     page.section("Where it fails", _where(page, result))
@@ -92,17 +93,17 @@ def _lead(result: Comparison) -> str:
 def _outstanding(result: Comparison) -> str:
     """The stretch that stands out most among its kind when runs are restarted, and in which channel; or nothing."""
     best, sentence = STANDS_OUT, ""
-    for by, (name, _, _) in _BY.items():
+    for by in ("contact", "place", "speed", "gap"):
         of_kind = [s for s in result.stretches if s.by == by and s.restarted is not None]
         if len(of_kind) < 2:
             continue
         worst = max(of_kind, key=lambda s: s.restarted or 0.0)
         others = [s.restarted or 0.0 for s in of_kind if s is not worst]
         contrast = (worst.restarted or 0.0) / max(sum(others) / len(others), 1.0)
-        if contrast > best:
+        if contrast > best * (1.1 if sentence else 1.0):
             channel = max(worst.restarted_errors, key=lambda c: worst.restarted_errors[c])
-            where = "" if by == "contact" else f"at {name.lower()} "
-            best, sentence = contrast, f"Most goes wrong {where}{_stretch_name(worst)}, in {title(channel).lower()}"
+            where = _WHERE[by].format(_stretch_name(worst))
+            best, sentence = contrast, f"Most goes wrong {where}, in {title(channel).lower()}"
     return sentence
 
 
@@ -141,7 +142,7 @@ def _matrix(result: Comparison) -> Figure:
         "yaxis": {"ticks": "", "showgrid": False},
         "margin": {"l": 8, "r": 8, "t": 8, "b": 8},
     }
-    return Figure([data], layout, "Error over noise of every channel and run; the table of runs has the numbers", 120 + 38 * len(channels))
+    return Figure([data], layout, "Error over noise of every channel and run; the table of runs has the numbers", 120 + 38 * len(channels), fixed=True)
 
 
 def _traces(r: RunComparison) -> RunTraces:

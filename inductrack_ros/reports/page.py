@@ -21,12 +21,16 @@ from numpy.typing import ArrayLike
 
 @dataclass(frozen=True)
 class Figure:
-    """A plot: plotly ``data`` and ``layout``, what it shows in words (for who cannot see it), and its height in px."""
+    """A plot: plotly ``data`` and ``layout``, what it shows in words (for who cannot see it), its height in px.
+
+    ``fixed`` is for one that nobody would zoom into.
+    """
 
     data: list[dict[str, Any]]
     layout: dict[str, Any]
     label: str
     height: int = 320
+    fixed: bool = False
 
 
 @dataclass
@@ -74,7 +78,7 @@ class Page:
 
     def render(self) -> str:
         """The whole page."""
-        figures = [{"data": f.data, "layout": f.layout} for f in self._figures]
+        figures = [{"data": f.data, "layout": f.layout, "fixed": f.fixed} for f in self._figures]
         scripts = "".join(f"<script>{_static(name)}</script>\n" for name in ("page.js", *self._scripts))
         links = "".join(f'<a href="#{name}">{escape(title)}</a>' for name, title in self._links)
         data = {"figures": figures, **self._data}

@@ -5,7 +5,7 @@ const page = (() => {
   const root = document.documentElement;
   const drawn = new Map(); // element → figure with colours by name, to be drawn again in another theme
 
-  // "@name" becomes the theme's colour of that name.
+  // An "@name" becomes the theme's colour of that name.
   function coloured(value, style) {
     if (typeof value === "string") return value.startsWith("@") ? style.getPropertyValue("--" + value.slice(1)).trim() || value : value;
     if (Array.isArray(value)) return value.map((v) => coloured(v, style));
@@ -40,10 +40,10 @@ const page = (() => {
       ["xaxis", "yaxis", ...Object.keys(layout).filter((k) => /^[xy]axis\d+$/.test(k))].map((k) => [k, axis(layout[k] || {}, style)])
     );
     const config = {
-      displaylogo: false, responsive: true, displayModeBar: "hover",
+      displaylogo: false, responsive: true, displayModeBar: figure.fixed ? false : "hover",
       modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]], // nothing that leaves this file
     };
-    return Plotly.react(element, coloured(figure.data, style), { ...base, ...layout, ...axes }, config);
+    return Plotly.react(element, coloured(figure.data, style), { ...base, ...(figure.fixed ? { dragmode: false } : {}), ...layout, ...axes }, config);
   }
 
   // Numbers packed by Python as 32-bit floats.

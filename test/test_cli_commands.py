@@ -1,0 +1,192 @@
+"""The command line as a user meets it: what it writes, what it refuses, and that nothing half-written is left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_compare import make_campaign
+
+from inductrack_ros import cli
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.core.model import Model
+from inductrack_ros.core.state import STATES
+from inductrack_ros.data import read_bag, read_csv
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory) -> Path:
+    return make_campaign(tmp_path_factory.mktemp("cli") / "campaign", Model.default(), duration=0.3, given=True)
+
+
+def fails(capsys, *arguments: object) -> str:
+    """Run a command that must fail with status 2 and one line on stderr; returns the line."""
+    try:
+        status = cli.main([str(a) for a in arguments])
+    except SystemExit as ended:
+        status = ended.code
+    captured = capsys.readouterr()
+    assert status == 2, captured
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1 and captured.err.startswith("inductrack")
+    return captured.err
+
+
+@pytest.mark.parametrize("arguments", [[], ["simulate"], ["compare"]])
+def test_help_says_what_to_give(capsys, arguments):
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*arguments, "-h"])
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    assert "--output" in out if arguments else "simulate" in out and "compare" in out
+
+
+def test_help_needs_no_compiler():
+    code = "import sys; from inductrack_ros import cli\ntry: cli.main(['compare', '-h'])\nexcept SystemExit: pass\nassert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_simulate_writes_all_states_on_the_equilibrium_heave(tmp_path, capsys):
+    assert cli.main(["simulate", "--duration", "0.5", "--rate", "200", "--output", str(tmp_path / "run.csv")]) == 0
+    run = read_csv(tmp_path / "run.csv")
+    assert run.channels == STATES
+    assert len(run.times) == 101 and run.times[-1] == 0.5
+    assert run["surge_rate"][0] == 15.5
+    assert run["heave"][0] == pytest.approx(4.36748e-3 - 0.010, abs=1e-8)
+    assert "101 samples" in capsys.readouterr().out
+    assert os.listdir(tmp_path) == ["run.csv"]
+
+
+def test_simulate_takes_model_state_and_current(tmp_path):
+    model = Model.create({"eta": 0.75}, effects={"aerodynamic_drag": {"drag_area": 0.02}})
+    model.save(tmp_path / "model.yaml")
+    cli.main(
+        ["simulate", "--model", str(tmp_path / "model.yaml"), "--initial", "surge_rate=20, sway=0.003,heave=-0.005", "--drive-current", "0"]
+        + ["--duration", "0.2", "--output", str(tmp_path / "run.csv")]
+    )
+    run = read_csv(tmp_path / "run.csv")
+    expected = model.simulate(run.times, model.initial_state(surge_rate=20.0, sway=0.003, heave=-0.005), 0.0)
+    assert np.array_equal(run.values, expected.states)
+
+
+def test_simulate_writes_a_bag_with_the_same_run(tmp_path):
+    common = ["simulate", "--duration", "0.1", "--output"]
+    cli.main([*common, str(tmp_path / "bag")])
+    cli.main([*common, str(tmp_path / "run.csv")])
+    bag, text = read_bag(tmp_path / "bag"), read_csv(tmp_path / "run.csv")
+    assert bag.channels == STATES
+    assert np.allclose(bag.values, text.values, atol=1e-12)
+
+
+def test_an_existing_csv_is_replaced_and_a_bag_is_not(tmp_path, capsys):
+    (tmp_path / "run.csv").write_text("old")
+    cli.main(["simulate", "--duration", "0.1", "--output", str(tmp_path / "run.csv")])
+    assert len(read_csv(tmp_path / "run.csv").times) == 51
+    (tmp_path / "bag").mkdir()
+    capsys.readouterr()
+    assert "exists already" in fails(capsys, "simulate", "--duration", "0.1", "--output", tmp_path / "bag")
+    assert os.listdir(tmp_path / "bag") == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--initial", "surge_rat=15"], "did you mean 'surge_rate'?"),
+        (["--initial", "surge_rate"], "is not NAME=NUMBER"),
+        (["--initial", "sway=1,sway=2"], "given twice"),
+        (["--initial", "sway=nan"], "not a finite number"),
+        (["--duration", "0"], "must be above 0"),
+        (["--duration", "inf"], "must be above 0"),
+        (["--rate", "-1"], "must be above 0"),
+        (["--duration", "1e9"], "samples"),
+        (["--duration", "soon"], "invalid float value"),
+        (["--drive-current", "-5"], "out of range"),
+        (["--model", "nowhere.yaml"], "no such file"),
+        (["--modle", "x"], "unrecognized arguments"),
+    ],
+)
+def test_simulate_refuses_in_one_line(tmp_path, capsys, arguments, said):
+    assert said in fails(capsys, "simulate", "--output", tmp_path / "run.csv", *arguments)
+    assert os.listdir(tmp_path) == []
+
+
+def test_simulate_refuses_a_folder_that_is_not_there(tmp_path, capsys):
+    assert "create it first" in fails(capsys, "simulate", "--output", tmp_path / "no" / "run.csv")
+
+
+def test_simulate_refuses_pulses_nobody_fires(tmp_path, capsys):
+    Model.create(drive="pulses").save(tmp_path / "model.yaml")
+    assert "controller" in fails(capsys, "simulate", "--model", tmp_path / "model.yaml", "--output", tmp_path / "run.csv")
+
+
+def test_compare_writes_what_it_promises(tmp_path, campaign, capsys):
+    out = tmp_path / "a" / "results"
+    assert cli.main(["compare", str(campaign), "--output", str(out)]) == 0
+    assert sorted(os.listdir(out)) == ["comparison.json", "report.html", "run_0.predicted.csv", "run_1.predicted.csv"]
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) <= 3 and said[-1] == str(out / "report.html")
+
+
+def test_compare_keeps_what_else_stands_in_the_folder(tmp_path, campaign):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "report.html").write_text("old")
+    cli.main(["compare", str(campaign), "--output", str(tmp_path)])
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "report.html").read_text().startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize("broken", ["campaign", "model", "file", "own"])
+def test_compare_leaves_no_trace_when_it_refuses(tmp_path, campaign, capsys, broken):
+    (tmp_path / "file").write_text("a file")
+    (tmp_path / "model.yaml").write_text("etta: 1.0")
+    out = {"file": tmp_path / "file", "own": campaign}.get(broken, tmp_path / "new" / "out")
+    extra = ["--model", tmp_path / "model.yaml"] if broken == "model" else []
+    before = sorted(campaign.iterdir())
+    said = fails(capsys, "compare", tmp_path / "none" if broken == "campaign" else campaign, *extra, "--output", out)
+    words = {"campaign": "no such folder", "model": "did you mean 'eta'?", "file": "is a file", "own": "campaign's own folder"}
+    assert words[broken] in said
+    assert sorted(os.listdir(tmp_path)) == ["file", "model.yaml"]
+    assert sorted(campaign.iterdir()) == before
+
+
+def test_what_fails_half_way_leaves_the_old_results(tmp_path, campaign, capsys, monkeypatch):
+    (tmp_path / "report.html").write_text("old")
+
+    def stop(*_):
+        raise InputError("run_1.csv: cannot be simulated")
+
+    monkeypatch.setattr("inductrack_ros.reports.compare_report.compare_report", stop)
+    assert "cannot be simulated" in fails(capsys, "compare", campaign, "--output", tmp_path)
+    assert os.listdir(tmp_path) == ["report.html"]
+    assert (tmp_path / "report.html").read_text() == "old"
+    assert [p.name for p in tmp_path.parent.glob(f".{tmp_path.name}.*")] == []
+
+
+def test_a_read_only_folder_is_refused(tmp_path, campaign, capsys):
+    if os.geteuid() == 0:
+        pytest.skip("root may write everywhere")
+    tmp_path.chmod(0o500)
+    assert "cannot be written" in fails(capsys, "compare", campaign, "--output", tmp_path)
+
+
+def test_interrupted_it_says_so_and_leaves_nothing(tmp_path, campaign):
+    code = (
+        "import sys, time\nimport inductrack_ros.compare as compare\nfrom inductrack_ros import cli\n"
+        "def slow(*_):\n    print('working', flush=True)\n    time.sleep(60)\n"
+        "compare.compare = slow\nsys.exit(cli.main(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", code, "compare", str(campaign), "--output", str(tmp_path / "out")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "working\n"
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert errors == "inductrack compare: interrupted; nothing was written\n"
+    assert os.listdir(tmp_path) == []

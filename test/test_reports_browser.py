@@ -1,0 +1,136 @@
+"""Reports in a real browser: no script error, plots drawn, the reader's choices followed. Skipped where there is none."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from html import unescape
+from pathlib import Path
+
+import pytest
+from test_compare import make_campaign
+
+from inductrack_ros.compare import compare
+from inductrack_ros.core.model import Model
+from inductrack_ros.data import load_campaign
+from inductrack_ros.reports.compare_report import compare_report
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium or chrome in PATH: the reports are not opened")
+
+# What a reader would see is written into the title, which the browser prints with the page.
+PROBE = """<script>addEventListener("load", () => setTimeout(async () => {
+  const seen = {};
+  const pause = () => new Promise((done) => setTimeout(done, 50));
+  try { %s } catch (error) { seen.error = String(error); }
+  document.title = "PROBE" + JSON.stringify(seen) + "END";
+}, 100));</script></body>"""
+
+
+def open_page(html: str, folder: Path, probe: str, *options: str) -> dict:
+    """Open a report without network and return what the probe saw; any message on the console fails the test."""
+    file = folder / "report.html"
+    head, body = html.rsplit("</body>", 1)
+    file.write_text(head + PROBE % probe + body, encoding="utf-8")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
+    command += ["--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=20000"]
+    command += ["--window-size=1280,900", "--enable-logging=stderr", *options, "--dump-dom", file.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+    complaints = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert not complaints, complaints
+    title = re.search(r"<title>PROBE(.*?)END</title>", done.stdout, re.S)
+    assert title, done.stdout[-2000:] + done.stderr[-2000:]
+    seen = json.loads(unescape(title.group(1)))
+    assert "error" not in seen, seen
+    return seen
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> str:
+    model = Model.create(effects={"aerodynamic_drag": {"drag_area": 0.05}})
+    folder = make_campaign(tmp_path_factory.mktemp("browser") / "campaign", model)
+    return compare_report(compare(load_campaign(folder), Model.default()))
+
+
+def test_every_plot_is_drawn_and_follows_the_choice(report, tmp_path):
+    seen = open_page(
+        report,
+        tmp_path,
+        """
+        seen.plots = document.querySelectorAll(".plot").length;
+        seen.drawn = document.querySelectorAll(".plot > .plot-container .main-svg").length;
+        const plot = document.getElementById("explorer-traces"), run = document.getElementById("explorer-run");
+        const channel = document.getElementById("explorer-channel"), sentence = document.getElementById("explorer-sentence");
+        const chosen = () => [sentence.textContent, plot.layout.yaxis.title.text];
+        seen.first = chosen();
+        run.value = "1"; channel.value = "heave";
+        channel.dispatchEvent(new Event("change", { bubbles: true }));
+        await pause();
+        seen.second = chosen();
+        """,
+    )
+    assert seen["drawn"] >= seen["plots"] >= 6
+    assert "Travel (surge) of run_" in seen["first"][0]
+    assert seen["second"] == [seen["second"][0], "Heave, mm"] and "Heave of run_1" in seen["second"][0]
+
+
+def test_plots_zoom_by_keyboard(report, tmp_path):
+    seen = open_page(
+        report,
+        tmp_path,
+        """
+        const plot = document.getElementById("explorer-traces");
+        plot.focus();
+        const press = async (key) => { plot.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true })); await pause(); };
+        const range = () => [...plot._fullLayout.xaxis.range];
+        seen.all = range();
+        await press("+"); seen.near = range();
+        await press("ArrowRight"); seen.right = range();
+        await press("0"); seen.again = range();
+        seen.focused = document.activeElement === plot;
+        """,
+    )
+    width = [seen[k][1] - seen[k][0] for k in ("all", "near", "right", "again")]
+    assert width[1] == pytest.approx(0.7 * width[0]) and width[2] == pytest.approx(width[1])
+    assert seen["right"][0] > seen["near"][0]
+    assert seen["again"] == pytest.approx(seen["all"])
+    assert seen["focused"]
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_plots_take_the_theme_and_print_on_white(report, tmp_path, theme):
+    seen = open_page(
+        report,
+        tmp_path,
+        """
+        const ink = () => document.getElementById("explorer-traces")._fullLayout.font.color;
+        const page = () => getComputedStyle(document.body).backgroundColor;
+        seen.screen = [page(), ink()];
+        dispatchEvent(new Event("beforeprint")); await pause();
+        seen.paper = [page(), ink()];
+        seen.folded = document.querySelectorAll("details:not([open])").length;
+        dispatchEvent(new Event("afterprint")); await pause();
+        seen.after = [page(), ink()];
+        """,
+        *(["--force-dark-mode"] if theme == "dark" else []),
+    )
+    white = ["rgb(255, 255, 255)", "#1b1f24"]
+    assert seen["paper"] == white and seen["folded"] == 0
+    assert seen["screen"] == seen["after"] == (white if theme == "light" else ["rgb(20, 23, 27)", "#e8eaed"])
+
+
+def test_it_fits_a_narrow_window(report, tmp_path):
+    seen = open_page(report, tmp_path, "seen.wide = document.documentElement.scrollWidth - innerWidth;", "--window-size=520,900")
+    assert seen["wide"] <= 0
+
+
+def test_it_prints_to_paper(report, tmp_path):
+    file, paper = tmp_path / "report.html", tmp_path / "report.pdf"
+    file.write_text(report, encoding="utf-8")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={tmp_path / 'profile'}"]
+    command += ["--virtual-time-budget=20000", "--no-pdf-header-footer", f"--print-to-pdf={paper}", file.as_uri()]
+    subprocess.run(command, capture_output=True, timeout=180, check=True)
+    pages = len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes()))
+    assert 2 <= pages <= 8
