@@ -89,7 +89,7 @@ class Identification:
         inside = np.clip(u, self.low + 1e-9, self.high - 1e-9)
         found = optimize.least_squares(
             self._residuals, inside, jac="3-point" if precise else "2-point", diff_step=1e-5 if precise else 1e-6,
-            bounds=(self.low, self.high), xtol=1e-10, ftol=1e-10, gtol=1e-14, max_nfev=60,
+            bounds=(self.low, self.high), xtol=1e-10 if precise else 1e-5, ftol=1e-9 if precise else 1e-4, gtol=1e-14, max_nfev=60,
         )  # fmt: skip
         return found.x, found.fun, found.jac
 
