@@ -211,7 +211,7 @@ def test_mean_of_pulses_is_the_averaged_law(speed, late):
 
 
 def test_pulses_carry_the_cradle_as_the_averaged_law_does():
-    """A second at 16 m/s, fired where the averaged model will be: less than 1 mm of 16 m apart, heave within 10 µm."""
+    """A second at 16 m/s, fired where the averaged model will be: 0.1 mm of 16 m apart, heave within 1 µm."""
     times = np.arange(501) * 2e-3
     smooth = Model.create(effects=["finite_pulse_width"])
     start = smooth.initial_state(surge_rate=16.0)
@@ -220,8 +220,8 @@ def test_pulses_carry_the_cradle_as_the_averaged_law_does():
     at_peak = np.interp(coils * HALF_WAVE, expected["surge"], times)
     pulses = Pulses(at_peak - TAU / 2, coils, 7000.0 * (-1.0) ** coils)
     run = Model.create(drive="pulses").simulate(times, start, pulses=pulses)
-    assert np.abs(run["surge"] - expected["surge"]).max() < 1e-3
-    assert np.abs(run["heave"] - expected["heave"]).max() < 1e-5
+    assert np.abs(run["surge"] - expected["surge"]).max() < 2e-4
+    assert np.abs(run["heave"] - expected["heave"]).max() < 1e-6
     idle = Model.create(drive="pulses").simulate(times, start)
     assert expected["surge"][-1] - idle["surge"][-1] > 1.0  # without pulses there is no thrust
 
