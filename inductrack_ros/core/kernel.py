@@ -71,7 +71,9 @@ def _call(index: int, item: Effect, known: set[str], column: dict[str, int]) -> 
     arguments = []
     for name in item.arguments:
         if name in item.parameters:
-            arguments.append(f"P[{column[f'{item.name}.{name}']}]")
+            first = column[f"{item.name}.{name}"]
+            count = item.parameters[name].count
+            arguments.append(f"P[{first}]" if count == 1 else f"P[{first}:{first + count}]")
         elif name in item.states:
             arguments.append(f"x[{column[f'{item.name}.{name}']}]")
         elif name in known:
@@ -261,9 +263,9 @@ def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None 
 
 
 def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kernel:
-    names = [*PARAMETERS] + [f"{e.name}.{p}" for e in items for p in e.parameters]
+    names = [*PARAMETERS] + [n for e in items for p, d in e.parameters.items() for n in d.entries(f"{e.name}.{p}")]
     carried = [f"{e.name}.{s}" for e in items for s in e.states]
-    column = {n: i for i, n in enumerate(names)} | {n: 8 + i for i, n in enumerate(carried)}
+    column = {n.removesuffix("[0]"): i for i, n in enumerate(names)} | {n: 8 + i for i, n in enumerate(carried)}
     started_on = tuple(q for e in items for q in e.states.values())
     for item in items:
         for quantity in item.states.values():
@@ -335,7 +337,10 @@ def _check_alone(item: Effect, function: Callable) -> None:
     """Compile one effect for numbers and look at what it returns, so that an error names it and comes at once."""
     number, flag = numba.float64, numba.boolean
     own = set(item.parameters) | set(item.states)
-    signature = tuple(flag if a in _FLAGS and a not in own else number for a in item.arguments)
+    tables = {p for p, d in item.parameters.items() if d.count > 1}
+    signature = tuple(
+        flag if a in _FLAGS and a not in own else number[::1] if a in tables else number for a in item.arguments
+    )
     try:
         function.compile(signature)
     except Exception as error:  # numba has many; all are about this function's text

@@ -181,7 +181,9 @@ class Model:
         flat: dict[str, object] = {"dof": self.dof, "drive": self.drive, **self.parameters, "effects": list(self.effects)}
         if self.effect_files:
             flat["effect_files"] = list(self.effect_files)
-        return flat | {f"{e}.{p}": v for e, values in self.effects.items() for p, v in values.items()}
+        return flat | {
+            f"{e}.{p}": list(v) if isinstance(v, tuple) else v for e, values in self.effects.items() for p, v in values.items()
+        }
 
     def save(self, path: str | Path, comment: str = "") -> None:
         """Write a ROS 2 parameter file, whole or not at all."""
@@ -217,7 +219,10 @@ class Model:
         flat = dict(self.parameters)
         for name, item in self.known_effects.items():
             for parameter, declared in item.parameters.items():
-                flat[f"{name}.{parameter}"] = self.effects.get(name, {}).get(parameter, declared.default)
+                value = self.effects.get(name, {}).get(parameter, declared.default)
+                entries = declared.entries(f"{name}.{parameter}")
+                values = value if isinstance(value, tuple) else (value,)
+                flat |= dict(zip(entries, [*values, *[0.0] * (len(entries) - len(values))], strict=True))
         return np.array([flat[name] for name in self.kernel.parameters])
 
     @cached_property

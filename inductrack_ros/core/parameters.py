@@ -29,7 +29,8 @@ class Parameter:
 
     ``default`` is what a model uses unless told otherwise; for an effect it is the value at which the effect vanishes,
     where there is one. ``typical`` is a size at which an effect would matter on a rig like the paper's: fits start
-    there and take their steps from it. ``fit_as`` names the coordinate of the fit (see ``to_fit``).
+    there and take their steps from it. ``fit_as`` names the coordinate of the fit (see ``to_fit``). A ``count`` above one
+    makes it a table of up to so many numbers; the effect's function gets an array, filled up with zeros.
     """
 
     default: float
@@ -41,9 +42,19 @@ class Parameter:
     typical: float = 0.0
     starts: tuple[float, ...] = ()
     fit_as: str = "x"
+    count: int = 1
 
-    def check(self, name: str, value: object, where: str = "") -> float:
-        """Return ``value`` as a float, or raise `InputError` naming the parameter and its range."""
+    def check(self, name: str, value: object, where: str = "") -> float | tuple[float, ...]:
+        """Return ``value`` as a float (a table as a tuple), or raise `InputError` naming the parameter and its range."""
+        if self.count > 1:
+            entries = value if isinstance(value, (list, tuple)) else [value]
+            if not 1 <= len(entries) <= self.count:
+                place = f"{where}: " if where else ""
+                raise InputError(f"{place}{name} holds {len(entries)} numbers; give 1 to {self.count}")
+            return tuple(self._check_one(f"{name}[{i}]", entry, where) for i, entry in enumerate(entries))
+        return self._check_one(name, value, where)
+
+    def _check_one(self, name: str, value: object, where: str) -> float:
         place = f"{where}: " if where else ""
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             raise InputError(f"{place}{name} = {value!r:.60} is not a number; give one in {self.range_text()}")
@@ -54,6 +65,10 @@ class Parameter:
         if math.isnan(number) or not self.low <= number <= self.high:
             raise InputError(f"{place}{name} = {number:g} is out of range; it must lie in {self.range_text()}")
         return number
+
+    def entries(self, name: str) -> list[str]:
+        """Names of the single numbers it stands for: itself, or ``name[0]``, ``name[1]``, …"""
+        return [name] if self.count == 1 else [f"{name}[{i}]" for i in range(self.count)]
 
     def range_text(self) -> str:
         """The range with its unit, e.g. ``[0, 10] m``."""

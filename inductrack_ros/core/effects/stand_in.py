@@ -1,0 +1,81 @@
+"""Stand-ins: a smooth force where the physics is not known yet.
+
+A diagnosis that finds a misfit no effect explains puts one of these in the model, so that prediction improves while
+the physics is sought. They explain nothing, and they are not in the ranking.
+"""
+
+from . import Parameter, effect
+
+#: What a stand-in may depend on, in the order of its ``variable``.
+VARIABLES = (
+    "surge", "sway", "heave", "roll", "surge_rate", "sway_rate", "heave_rate", "roll_rate", "time", "drive",
+)  # fmt: skip
+TABLE = 64
+
+
+def curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive, start, step, knots, values):
+    """Σ values_j B((u − start)/step − j) with the cubic B-spline B; held constant beyond the ends."""
+    u = surge
+    if variable == 1.0:
+        u = sway
+    elif variable == 2.0:
+        u = heave
+    elif variable == 3.0:
+        u = roll
+    elif variable == 4.0:
+        u = surge_rate
+    elif variable == 5.0:
+        u = sway_rate
+    elif variable == 6.0:
+        u = heave_rate
+    elif variable == 7.0:
+        u = roll_rate
+    elif variable == 8.0:
+        u = time
+    elif variable == 9.0:
+        u = drive
+    last = knots - 1.0
+    u = min(max((u - start) / step, 0.0), last)
+    first = int(u)
+    total = 0.0
+    for j in range(max(first - 1, 0), min(first + 2, int(last)) + 1):
+        d = abs(u - j)
+        if d < 1.0:
+            total += values[j] * (2.0 / 3.0 - d * d + 0.5 * d * d * d)
+        elif d < 2.0:
+            total += values[j] * (2.0 - d) ** 3 / 6.0
+    return total
+
+
+def _parameters(unit, typical):
+    return {
+        "variable": Parameter(0.0, "", 0.0, len(VARIABLES) - 1.0, "what it depends on: 0 " + ", ".join(f"{i} {v}" for i, v in enumerate(VARIABLES))[2:]),
+        "start": Parameter(0.0, "", -1e9, 1e9, "value of the variable at the first entry of the table"),
+        "step": Parameter(1.0, "", 1e-12, 1e9, "spacing of the table"),
+        "knots": Parameter(1.0, "", 1.0, float(TABLE), "entries of the table in use"),
+        "values": Parameter(0.0, unit, -1e9, 1e9, "coefficients of the cubic B-splines", typical=typical, count=TABLE),
+    }
+
+
+@effect(adds="force_surge", parameters=_parameters("N", 1.0), screened=False)
+def stand_in_surge(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+    """A smooth force in surge that stands in for unknown physics."""
+    return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
+
+
+@effect(adds="force_sway", parameters=_parameters("N", 1.0), screened=False)
+def stand_in_sway(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+    """A smooth force in sway that stands in for unknown physics."""
+    return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
+
+
+@effect(adds="force_heave", parameters=_parameters("N", 1.0), screened=False)
+def stand_in_heave(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+    """A smooth force in heave that stands in for unknown physics."""
+    return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
+
+
+@effect(adds="moment_roll", parameters=_parameters("N·m", 0.05), screened=False)
+def stand_in_roll(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+    """A smooth moment in roll that stands in for unknown physics."""
+    return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
