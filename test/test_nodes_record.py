@@ -89,7 +89,7 @@ def test_a_bag_is_complete_after_ctrl_c_and_sigterm(ros, tmp_path, number):
     sender.wait_for("\n500\n")
     assert recorder.stop(number) == 0
     numbers = numbers_in(bag)["/inductrack/topic0"]
-    assert numbers == list(range(len(numbers))) and len(numbers) >= 450
+    assert numbers == list(range(len(numbers))) and f"{len(numbers)} messages on 1 topics" in recorder.output
     run = read_bag(bag, {"pose": "/inductrack/topic0"})  # what `inductrack compare` reads
     assert len(run.times) == len(numbers) and run.times[-1] == pytest.approx((len(numbers) - 1) / 1000)
 

@@ -11,6 +11,7 @@ from importlib import import_module
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
 from ..core.errors import InputError
@@ -31,7 +32,7 @@ class Recorder(Node):
         self._bag = SegmentedBag(options.output)
         self._skipped: set[str] = set()
         self._end: float | None = None
-        self._subscriptions_by_topic: dict[str, object] = {}
+        self._subscriptions_by_topic: dict[str, Subscription] = {}
         self.finished = False
         self._look_for_topics()
         self.create_timer(LOOK_PERIOD, self._look_for_topics)
@@ -68,16 +69,25 @@ class Recorder(Node):
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        callback = partial(self._keep_at_header_stamp if self._options.stamp == "header" else self._keep, topic)
         self._subscriptions_by_topic[topic] = self.create_subscription(
-            message_class(type_name), topic, callback, qos, raw=True
+            message_class(type_name), topic, partial(self._take, topic), qos, raw=True
         )
 
-    def _keep(self, topic: str, data: bytes) -> None:
-        self._bag.write(topic, time.time_ns(), data)
+    def _take(self, topic: str, data: bytes) -> None:
+        self._keep(topic, data)
+        self._take_waiting(topic)  # one after another through the executor would cost five times as much
 
-    def _keep_at_header_stamp(self, topic: str, data: bytes) -> None:
-        self._bag.write(topic, stamp_ns(data), data)
+    def _take_waiting(self, topic: str) -> None:
+        """Keep what lies in the topic's queue now."""
+        subscription = self._subscriptions_by_topic[topic]
+        for _ in range(QUEUE_DEPTH):
+            taken = subscription.handle.take_message(subscription.msg_type, True)
+            if taken is None:
+                return
+            self._keep(topic, taken[0])
+
+    def _keep(self, topic: str, data: bytes) -> None:
+        self._bag.write(topic, stamp_ns(data) if self._options.stamp == "header" else time.time_ns(), data)
 
     def _flush(self) -> None:
         self._bag.flush()
@@ -88,6 +98,8 @@ class Recorder(Node):
         self.finished = time.monotonic() >= self._end
 
     def close(self) -> None:
+        for topic in self._subscriptions_by_topic:
+            self._take_waiting(topic)
         self._bag.close()
         topics = len(self._subscriptions_by_topic)
         print(f"{self._bag.message_count} messages on {topics} topics in {self._bag.path}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 
@@ -44,6 +45,8 @@ OWN = {
 LIVE = {"speed_factor", "lockstep_timeout", *PARAMETERS, *sensors.declared()}
 LONGEST_BATCH = 0.05  # s of real time spent on ticks before services and commands get their turn
 LONGEST_DEBT = 0.1  # s of real time that the simulation may lag and still catch up
+CATCH_UP = 2  # times the asked speed, at most, while it does: commands must get their turn between ticks
+ASK_AGAIN = 1.0  # s without an answer after which a state in lockstep is published again
 
 
 class SimNode(Node):
@@ -130,7 +133,7 @@ class SimNode(Node):
         self._last_wake = now
         since, ticks = self._due_from
         due = ticks + int((now - since) * factor * rate + 0.5) - self.simulation.ticks
-        for _ in range(due):
+        for _ in range(min(due, math.ceil(CATCH_UP * factor))):
             if not self._tick() or time.monotonic() - now > LONGEST_BATCH:
                 break
         behind = ticks + (now - since) * factor * rate - self.simulation.ticks
@@ -171,24 +174,31 @@ class SimNode(Node):
     # -- lockstep: simulated time waits for the controller -------------------------------------------------------
 
     def _look_after_lockstep(self) -> None:
-        """Timer: publish the first state once somebody will answer; say so when nobody does."""
-        now = time.monotonic()
+        """Timer: publish the first state once somebody will answer; ask again, and say so, when nobody does."""
         if self.paused:
             return
-        if not self._published and self.count_publishers("lockstep/done"):
+        silent = time.monotonic() - self._asked_at
+        if not self._published and self._controller_listens():
             self._expect_answer()
             self._publish()
-        elif now - self._asked_at > self._options["lockstep_timeout"]:
-            self._asked_at = now
+        elif self._published and silent > ASK_AGAIN and self._answer is None:
+            self._asked_at = time.monotonic()
+            self._topics.state(stamp_of(self._stamp_ns()), self.simulation.x)
+        if time.monotonic() - self._answered_at > self._options["lockstep_timeout"]:
+            self._answered_at = time.monotonic()
             self.get_logger().warning(
                 f"lockstep: no answer on lockstep/done to the pose at {self.simulation.time:.3f} s "
                 f"for {self._options['lockstep_timeout']:g} s; is the controller running, with lockstep: true?"
             )
 
+    def _controller_listens(self) -> bool:
+        """Whether somebody answers, and all who want poses are connected: a pose sent earlier would be lost."""
+        return self.count_publishers("lockstep/done") > 0 and self._topics.all_hear_poses()
+
     def _expect_answer(self) -> None:
         self._pulses_since_tick = 0
         self._answer: int | None = None  # pulses the controller says it sent
-        self._asked_at = time.monotonic()
+        self._asked_at = self._answered_at = time.monotonic()
 
     def _take_answer(self, message: UInt64MultiArray) -> None:
         """`[stamp of the pose answered (ns), number of pulses sent in answer]`"""

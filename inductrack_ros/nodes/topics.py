@@ -72,6 +72,7 @@ class SimulatorTopics:
         def publisher(kind: type, name: str):
             return node.create_publisher(kind, name, qos)
 
+        self._node = node
         self._frames = track_frame, cradle_frame
         self._clock = publisher(Clock, "/clock") if clock else None
         self._tf = publisher(TFMessage, "/tf") if TFMessage else None
@@ -91,6 +92,11 @@ class SimulatorTopics:
         message.header.stamp = stamp
         message.header.frame_id = frame or self._frames[0]
         return message
+
+    def all_hear_poses(self) -> bool:
+        """Whether every subscriber of pose that the graph knows is connected, and there is one."""
+        known = self._node.count_subscribers("pose")
+        return 0 < known <= self._pose.get_subscription_count()
 
     def clock(self, stamp: Time) -> None:
         if self._clock:

@@ -27,7 +27,7 @@ DECLARED = {
     "integral_gain": Parameter(3000.0, "A/m", 0.0, 1e6, "growth of the current for each m/s that is missing"),
     "max_current": Parameter(14000.0, "A", 0.0, 1e6, "the controller asks for no more"),
     "min_speed": Parameter(1.0, "m/s", 0.01, 100.0, "no coil is fired below this speed"),
-    "lead": Parameter(0.008, "s", 1e-3, 0.5, "how long before its firing a pulse is commanded; cover the round trip"),
+    "lead": Parameter(0.02, "s", 1e-3, 0.5, "how long before its firing a pulse is commanded; cover the round trip"),
     "lockstep": Option(False, "answer every pose on lockstep/done, for a simulator in lockstep"),
     "wavelength": PARAMETERS["wavelength"],
     "pulse_length": PARAMETERS["pulse_length"],
@@ -57,9 +57,10 @@ class TrackController(Node):
         self._done = None
         if options["lockstep"]:
             self._done = self.create_publisher(UInt64MultiArray, "lockstep/done", QoSProfile(depth=DEPTH))
-        # In lockstep every pose counts; else a lost one is better than a late one.
-        reliability = ReliabilityPolicy.RELIABLE if options["lockstep"] else ReliabilityPolicy.BEST_EFFORT
-        self.create_subscription(PoseStamped, "pose", self._take_pose, QoSProfile(depth=10, reliability=reliability))
+        # In lockstep every pose counts; else the newest does, and edges are interpolated between those that came.
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        every = QoSProfile(depth=DEPTH)
+        self.create_subscription(PoseStamped, "pose", self._take_pose, every if options["lockstep"] else newest)
         self.add_on_set_parameters_callback(self._change_parameters)
         self._diagnostics = Diagnostics(self, "firing")
         self.create_timer(PERIOD, self._diagnose)
