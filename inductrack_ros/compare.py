@@ -367,8 +367,9 @@ def _stretches(runs: tuple[RunComparison, ...]) -> tuple[Stretch, ...]:
     for by, unit, about in KINDS:
         where = np.concatenate([r.conditions[by] for r in runs])
         edges = np.array([0.0, 1.0, 2.0]) if by == "contact" else _populated(where, nice_edges(where, about))
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
-            inside = [(r.conditions[by] >= low) & (r.conditions[by] < high) for r in runs]
+        part = [np.clip(np.searchsorted(edges, r.conditions[by], side="right") - 1, 0, len(edges) - 2) for r in runs]
+        for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            inside = [p == k for p in part]
             if any(i.any() for i in inside):
                 found.append(_stretch(by, unit, float(low), float(high), runs, inside))
     return tuple(found)
@@ -397,16 +398,12 @@ def _stretch(
 
 
 def _populated(values: Array, edges: Array) -> Array:
-    """``edges`` without those that leave fewer than `FEWEST` values in a part, and wide enough for all values."""
-    step = edges[1] - edges[0]
-    first = edges[0] - step * max(0, math.ceil((edges[0] - values.min()) / step))
-    last = edges[-1] + step * max(0, math.floor((values.max() - edges[-1]) / step) + 1 if values.max() >= edges[-1] else 0)
-    kept = [first]
+    """``edges`` without those that leave fewer than `FEWEST` values in a part."""
+    kept = [edges[0]]
     for edge in edges[1:-1]:
-        inside = int(((values >= kept[-1]) & (values < edge)).sum())
-        if inside >= FEWEST and int((values >= edge).sum()) >= FEWEST:
+        if ((values >= kept[-1]) & (values < edge)).sum() >= FEWEST and (values >= edge).sum() >= FEWEST:
             kept.append(edge)
-    return np.array([*kept, last])
+    return np.array([*kept, edges[-1]])
 
 
 def nice_edges(values: Array, about: int) -> Array:
@@ -418,8 +415,12 @@ def nice_edges(values: Array, about: int) -> Array:
     if high <= low:
         low, high = low - 0.5 * abs(low) - 1e-6, high + 0.5 * abs(high) + 1e-6
     step = 10.0 ** math.floor(math.log10((high - low) / about))
-    step *= next(f for f in (1, 2, 5, 10, 20) if math.ceil(high / (step * f)) - math.floor(low / (step * f)) <= about)
-    return np.arange(math.floor(low / step), math.ceil(high / step) + 1) * step
+    for factor in (1, 2, 5, 10, 20):
+        # what lies only just beyond an edge, as noise does, needs no part of its own
+        first, last = math.floor(low / (step * factor) + 0.02), math.ceil(high / (step * factor) - 0.02)
+        if last - first <= about:
+            break
+    return np.arange(first, max(last, first + 1) + 1) * step * factor
 
 
 def _column(r: RunComparison, table: Array, channel: str) -> Array:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from ..compare import AT_REST, HOLDS_LIMIT, WINDOW, Comparison, RunComparison, Stretch
-from ..core.state import STATES, UNITS
+from ..core.state import STATES
 from .explorer import RunTraces, Trace, explorer
 from .page import Figure, Page, folded, table, text
-from .words import effect_name, in_channel, listed, number, ratio, title
+from .words import effect_name, in_channel, listed, number, ratio, shown, title
 
 #: Up to here the error is the noise's, give or take what estimated noise and chance do; above the second the model is plainly off.
 NOISE_ALONE, PLAINLY = 1.1, 3.0
@@ -268,9 +268,9 @@ def _basis(result: Comparison) -> str:
         ],
     )
     states = table(
-        ["Run", *STATES],
+        ["Run", *(f"{text(title(s))}, {shown(s)[1]}" for s in STATES)],
         [
-            [text(r.run.name), *(f"{number(r.initial_state[s], 4)}{'' if s in r.estimated else ' *'} {UNITS[s]}" for s in STATES)]
+            [text(r.run.name), *(number(r.initial_state[s] * shown(s)[0], 4) + ("" if s in r.estimated else " *") for s in STATES)]
             for r in result.runs
         ],
         "* given; the others are fitted to as much of the run's beginning as the model follows. Nothing else was fitted.",

@@ -3,6 +3,7 @@
 const page = (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   const root = document.documentElement;
+  const PAPER_WIDE = 720, PAPER_HALF = 350; // px between the margins of A4 or Letter
   const drawn = new Map(); // element → figure with colours by name, to be drawn again in another theme
 
   // An "@name" becomes the theme's colour of that name.
@@ -36,6 +37,8 @@ const page = (() => {
       modebar: { bgcolor: "rgba(0,0,0,0)", color: style.getPropertyValue("--soft").trim(), activecolor: ink },
       hoverlabel: { bgcolor: style.getPropertyValue("--panel").trim(), font: { color: ink }, bordercolor: style.getPropertyValue("--line").trim() },
     };
+    const onPaper = root.classList.contains("paper"); // plots are drawn before the page is laid out on paper
+    const paper = onPaper ? { width: element.closest(".two") ? PAPER_HALF : PAPER_WIDE } : {};
     const axes = Object.fromEntries(
       ["xaxis", "yaxis", ...Object.keys(layout).filter((k) => /^[xy]axis\d+$/.test(k))].map((k) => [k, axis(layout[k] || {}, style)])
     );
@@ -43,7 +46,7 @@ const page = (() => {
       displaylogo: false, responsive: true, displayModeBar: figure.fixed ? false : "hover",
       modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]], // nothing that leaves this file
     };
-    return Plotly.react(element, coloured(figure.data, style), { ...base, ...(figure.fixed ? { dragmode: false } : {}), ...layout, ...axes }, config);
+    return Plotly.react(element, coloured(figure.data, style), { ...base, ...(figure.fixed ? { dragmode: false } : {}), ...layout, ...axes, ...paper }, config);
   }
 
   // Numbers packed by Python as 32-bit floats.
