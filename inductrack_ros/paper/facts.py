@@ -21,6 +21,7 @@ class Claim:
     """
 
     id: str
+    name: str
     place: str
     says: str
     value: float | None
