@@ -30,7 +30,6 @@ class Option:
         """Return the value, or raise `InputError` naming the parameter and what it may be."""
         place = f"{where}: " if where else ""
         if isinstance(self.default, list):
-            value = list(value) if isinstance(value, (list, tuple)) or hasattr(value, "typecode") else value
             kind = type(self.default[0])
             if not isinstance(value, list) or any(type(v) is not kind for v in value):
                 raise InputError(f"{place}{name} = {value!r} must be a list of {kind.__name__}")
@@ -54,9 +53,14 @@ MODEL_OPTIONS = {
 Declared = Mapping[str, Parameter | Option]
 
 
+def plain(value: object) -> object:
+    """A parameter's value as YAML would give it (rclpy hands out arrays)."""
+    return list(value) if hasattr(value, "typecode") or isinstance(value, tuple) else value
+
+
 def given(node: Node) -> dict[str, object]:
     """What the command line and parameter files gave the node (made with automatic declaration), as plain values."""
-    found = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
+    found = {name: plain(parameter.value) for name, parameter in node.get_parameters_by_prefix("").items()}
     return {n: v for n, v in found.items() if not n.startswith(_OF_ROS) and v is not None}
 
 
@@ -77,7 +81,7 @@ def declare(node: Node, declared: Declared, live: Collection[str] = ()) -> dict[
         value = one.check(name, start.get(name, one.default), node.get_name())
         if name in start:
             node.undeclare_parameter(name)
-        node.declare_parameter(name, value, _descriptor(one, name in live), ignore_override=True)
+        node.declare_parameter(name, plain(value), _descriptor(one, name in live), ignore_override=True)
         values[name] = value
     return values
 
@@ -85,7 +89,8 @@ def declare(node: Node, declared: Declared, live: Collection[str] = ()) -> dict[
 def _descriptor(one: Parameter | Option, live: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(description=one.meaning, read_only=not live)
     if isinstance(one, Parameter):
-        descriptor.description += f" ({one.unit or 'no unit'})"
+        table = f"; up to {one.count} numbers in {one.range_text()}" if one.count > 1 else ""
+        descriptor.description += f" ({one.unit or 'no unit'}){table}"
         descriptor.floating_point_range = [FloatingPointRange(from_value=float(one.low), to_value=float(one.high))]
     elif type(one.default) is int:
         descriptor.integer_range = [IntegerRange(from_value=one.low, to_value=one.high)]

@@ -20,7 +20,7 @@ from ..core.parameters import PARAMETERS, Parameter
 from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
-from .parameters import MODEL_OPTIONS, Option, declare, given, refuse_unknown
+from .parameters import MODEL_OPTIONS, Option, declare, given, plain, refuse_unknown
 from .runtime import NAMESPACE, run
 from .simulation import Simulation, parse_initial_state
 from .topics import DEPTH, SimulatorTopics, channels, nanoseconds_of, stamp_of
@@ -58,7 +58,7 @@ class SimNode(Node):
         own_names = {n: v for n, v in start.items() if "." not in n or n.startswith("measured.")}
         refuse_unknown(own_names, {**PARAMETERS, **MODEL_OPTIONS, **OWN}, self)
         # The core checks what belongs to the model, effects' parameters included, in its own words.
-        self.model = Model.from_mapping({n: _plain(v) for n, v in start.items() if n not in OWN}, where="sim")
+        self.model = Model.from_mapping({n: v for n, v in start.items() if n not in OWN}, where="sim")
         effect_parameters = {
             f"{name}.{p}": declared
             for name in self.model.effects
@@ -255,7 +255,7 @@ class SimNode(Node):
         return response
 
     def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
-        values = {p.name: p.value for p in changed}
+        values = {p.name: plain(p.value) for p in changed}
         try:
             model = self.model.with_changes(*self._split({n: v for n, v in values.items() if n in self._in_model}))
         except InputError as error:
@@ -313,11 +313,6 @@ class SimNode(Node):
                 "another node publishes pose in this namespace: two simulators on one domain? "
                 "Give one of them its own ROS_DOMAIN_ID, or a namespace with --ros-args -r __ns:=/other"
             )
-
-
-def _plain(value: object) -> object:
-    """A parameter's value as YAML would give it (rclpy hands out arrays)."""
-    return list(value) if hasattr(value, "typecode") or isinstance(value, tuple) else value
 
 
 def main(args: list[str] | None = None) -> int:
