@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from inductrack_ros import frames
 from inductrack_ros.core.model import Model
 from inductrack_ros.nodes.topics import nanoseconds_of, pulse_message, stamp_of
 
-RUNS = "Hz at"  # in the line with which the node says that it runs
+MY_EFFECT = Path(__file__).parent.parent / "examples" / "my_effect.py"
 
 
 def seconds(message) -> float:
@@ -107,10 +108,12 @@ def test_a_wrong_parameter_is_refused_by_name_at_the_start(ros, given, says):
 
 
 def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
-    model = Model.create({"eta": 0.74}, {"viscous_drag": {"coefficient": 0.5}, "sensor_delay:heave": {"delay": 0.002}})
+    effects = {"viscous_drag": {"coefficient": 0.5}, "sensor_delay:heave": {"delay": 0.002},
+               "stand_in_heave": {"values": [0.0, 0.1, 0.2]}, "magnetised_patch": {"force": 2.0}}  # fmt: skip
+    model = Model.create({"eta": 0.74}, effects, effect_files=[MY_EFFECT])
     model.save(tmp_path / "model.yaml")
     sim = ros.start("sim", "--ros-args", "--params-file", str(tmp_path / "model.yaml"))
-    sim.wait_for("effects: viscous_drag, sensor_delay:heave")
+    sim.wait_for("effects: viscous_drag, sensor_delay:heave, stand_in_heave, magnetised_patch")
     viscous = ros.listen(WrenchStamped, "/inductrack/wrench/viscous_drag")
     twist = ros.listen(TwistStamped, "/inductrack/twist")
     ros.wait(lambda: viscous and twist, "the effect's wrench")
@@ -118,7 +121,7 @@ def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
 
     assert ros.set_parameter("/inductrack/sim", "viscous_drag.coefficient", 2.0).successful
     ros.wait(lambda: viscous[-1].wrench.force.x < -1.9 * twist[-1].twist.linear.x, "the new coefficient to count")
-    for name, value in (("eta", 0.75), ("drive_current", 6000.0), ("speed_factor", 0.5), ("measured.heave.noise", 0.0)):
+    for name, value in (("eta", 0.75), ("drive_current", 6000.0), ("speed_factor", 0.5), ("stand_in_heave.values", [0.5, 0.0]), ("measured.heave.noise", 0.0)):
         assert ros.set_parameter("/inductrack/sim", name, value).successful
     for name, value, says in (("eta", 20.0, "10.0"), ("speed_factor", -1.0, "0.001"), ("rate", 100.0, "rate")):
         result = ros.set_parameter("/inductrack/sim", name, value)

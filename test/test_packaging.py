@@ -1,0 +1,160 @@
+"""The package as colcon, pip and ROS tools see it."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+import types
+import xml.etree.ElementTree as ElementTree
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parent.parent
+#: What a build needs; not .venv, not what other builds left.
+SOURCES = ("setup.py", "setup.cfg", "package.xml", "pyproject.toml", "resource", "config", "launch", "rviz", "inductrack_ros")
+NODES = ("sim", "track_controller", "record", "inductrack")
+
+
+def run(*command: str, cwd: Path, **environment: str) -> str:
+    done = subprocess.run(command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory) -> Path:
+    """A colcon workspace in which the package has been built."""
+    folder = tmp_path_factory.mktemp("workspace")
+    package = folder / "src" / "inductrack_ros"
+    package.mkdir(parents=True)
+    for name in SOURCES:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        copy(ROOT / name, package / name, **({"ignore": shutil.ignore_patterns("__pycache__")} if copy is shutil.copytree else {}))
+    (package / "test").mkdir()
+    shutil.copy(ROOT / "test" / "test_frames.py", package / "test")
+    run(colcon(), "--log-base", "log", "build", cwd=folder)
+    return folder
+
+
+def colcon() -> str:
+    found = shutil.which("colcon", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    assert found, "colcon is missing; `make setup` installs it"
+    return found
+
+
+def test_colcon_build_puts_everything_where_ros_looks(workspace):
+    prefix = workspace / "install" / "inductrack_ros"
+    assert (prefix / "share/ament_index/resource_index/packages/inductrack_ros").is_file()
+    for name in NODES:  # `ros2 run inductrack_ros <name>`
+        assert os.access(prefix / "lib/inductrack_ros" / name, os.X_OK), name
+    share = prefix / "share/inductrack_ros"
+    for name in ("package.xml", "launch/inductrack.launch.py", "config/default.yaml", "rviz/forces.rviz"):
+        assert (share / name).is_file(), name
+    assert "usage: inductrack" in run(str(prefix / "lib/inductrack_ros/inductrack"), "-h", cwd=workspace, PYTHONPATH=str(site(prefix)))
+
+
+def site(prefix: Path) -> Path:
+    return next(prefix.glob("lib/python3*/site-packages"))
+
+
+def test_colcon_build_takes_all_files_along(workspace):
+    installed = site(workspace / "install" / "inductrack_ros") / "inductrack_ros"
+    tracked = run("git", "ls-files", "inductrack_ros", cwd=ROOT).split() if (ROOT / ".git").exists() else []
+    missing = [name for name in tracked if (ROOT / name).exists() and not (installed.parent / name).exists()]
+    assert not missing
+
+
+def test_colcon_test_runs_the_tests(workspace):
+    run(colcon(), "--log-base", "log", "test", "--event-handlers", "console_direct+", cwd=workspace)
+    result = run(colcon(), "test-result", "--all", cwd=workspace)
+    assert re.search(r"[1-9]\d* tests, 0 errors, 0 failures", result), result
+
+
+def test_package_xml_agrees_with_setup_py():
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    text = (ROOT / "setup.py").read_text()
+    arguments = {k.arg: k.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Call) for k in n.keywords}
+    assert manifest.get("format") == "3" and manifest.find("export/build_type").text == "ament_python"
+    assert manifest.findtext("version") == ast.literal_eval(arguments["version"])
+    keys = {e.text for e in manifest if e.tag.endswith("depend")}
+    # Every ROS package that the nodes import is declared, under its own name.
+    imported = set()
+    for file in (ROOT / "inductrack_ros" / "nodes").glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level == 0:
+                imported.add(node.module.partition(".")[0])
+            elif isinstance(node, ast.Import):
+                imported |= {name.name.partition(".")[0] for name in node.names}
+    ros = {name for name in imported if name.endswith(("_msgs", "_srvs", "_interfaces")) or name == "rclpy"}
+    assert ros - {"tf2_msgs", "rcl_interfaces"} <= keys and {"launch", "launch_ros"} <= keys
+    for name in ast.literal_eval(arguments["install_requires"]):
+        name = re.split(r"[<>=]", name)[0]
+        if name != "setuptools":
+            assert {"PyYAML": "python3-yaml", "rosbags": "python3-rosbags-pip"}.get(name, f"python3-{name}") in keys
+
+
+def test_entry_points_exist():
+    ours = {e.name: e for e in entry_points(group="console_scripts") if e.value.startswith("inductrack_ros")}
+    assert set(NODES) <= set(ours)
+    if shutil.which("ros2") or _has_rclpy():
+        assert all(callable(ours[name].load()) for name in NODES)
+
+
+def _has_rclpy() -> bool:
+    try:
+        import rclpy  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def test_parameter_file_and_rviz_configuration_name_what_exists():
+    pytest.importorskip("rclpy")
+    from inductrack_ros.core.model import Model, read_parameter_file
+    from inductrack_ros.nodes import sim, track_controller
+
+    blocks = yaml.safe_load((ROOT / "config/default.yaml").read_text())
+    assert set(blocks) == {"/**/sim", "/**/track_controller"}
+    Model.load(ROOT / "config/default.yaml", ignore={*sim.OWN, *track_controller.DECLARED, "measured", "detectors"})
+    known = {*sim.OWN, *Model.default().parameters, *track_controller.DECLARED}
+    assert set(read_parameter_file(ROOT / "config/default.yaml")) <= known
+    rviz = yaml.safe_load((ROOT / "rviz/forces.rviz").read_text())
+    shown = {d["Topic"]["Value"] for d in rviz["Visualization Manager"]["Displays"] if "Topic" in d}
+    assert shown == {"/inductrack/forces", "/inductrack/odometry", "/inductrack/measured/pose"}
+
+
+def test_the_launch_file_describes_its_arguments(monkeypatch):
+    """With the real `launch` where there is a distribution; else with stand-ins that take anything."""
+    try:
+        import launch_ros  # noqa: F401
+    except ImportError:
+
+        class Anything:
+            def __init__(self, *args, **kwargs):
+                self.args, self.kwargs = args, kwargs
+
+        names = {
+            "launch": ["LaunchDescription"],
+            "launch.actions": ["DeclareLaunchArgument", "ExecuteProcess"],
+            "launch.conditions": ["IfCondition"],
+            "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution", "PythonExpression"],
+            "launch_ros": [],
+            "launch_ros.actions": ["Node"],
+            "launch_ros.substitutions": ["FindPackageShare"],
+        }
+        for module, classes in names.items():
+            stand_in = types.ModuleType(module)
+            for name in classes:
+                setattr(stand_in, name, type(name, (Anything,), {}))
+            monkeypatch.setitem(sys.modules, module, stand_in)
+    module = runpy.run_path(str(ROOT / "launch/inductrack.launch.py"))
+    assert module["generate_launch_description"]() is not None
+    assert "params_file" in module["ARGUMENTS"] and all(meaning for _, meaning in module["ARGUMENTS"].values())
