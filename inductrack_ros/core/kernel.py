@@ -14,6 +14,7 @@ import inspect
 import os
 import platform
 import re
+import shutil
 import sys
 import tempfile
 import types
@@ -142,22 +143,25 @@ def _plain(value: object) -> object:
     return getattr(value, "py_func", value)
 
 
-def _jit(function: Callable, done: dict[int, Callable]) -> Callable:
-    """``function`` for numba, together with the plain Python functions it calls."""
-    if hasattr(function, "py_func"):  # the user's own @njit
-        return function
+def _jit(function: Callable, home: str, done: dict[int, Callable]) -> Callable:
+    """``function`` for numba, together with the plain Python functions it calls.
+
+    What comes back belongs to the module named ``home``: compiled code is loaded by its module's name, and that of a
+    user's file differs where the effect does not (another folder, another remark).
+    """
     if id(function) in done:
         return done[id(function)]
-    names = dict(function.__globals__)
-    cells = [types.CellType(c.cell_contents) for c in function.__closure__ or ()]
-    copy = types.FunctionType(function.__code__, names, function.__name__, function.__defaults__, tuple(cells))
-    done[id(function)] = compiled = numba.njit(nogil=True, error_model="numpy")(copy)
+    options = {"nopython": True, "nogil": True, "error_model": "numpy"} | getattr(function, "targetoptions", {})
+    plain = _plain(function)
+    names = plain.__globals__ | {"__name__": home}
+    cells = [types.CellType(c.cell_contents) for c in plain.__closure__ or ()]
+    copy = types.FunctionType(plain.__code__, names, plain.__name__, plain.__defaults__, tuple(cells))
+    done[id(function)] = compiled = numba.jit(**options)(copy)
 
     def helper(value: object) -> object:
-        inner = value.function if isinstance(value, Effect) else value
-        return _jit(inner, done) if isinstance(inner, types.FunctionType) else value
+        return _jit(value, home, done) if isinstance(_plain(value), types.FunctionType) else value
 
-    for name in _names_in(function.__code__) & set(names):
+    for name in _names_in(plain.__code__) & set(names):
         names[name] = helper(names[name])
     for cell in cells:
         cell.cell_contents = helper(cell.cell_contents)
@@ -291,10 +295,11 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
     module = importlib.util.module_from_spec(spec)
     done: dict[int, Callable] = {}
     for i, item in enumerate(items):
-        setattr(module, f"effect_{i}", _jit(item.function, done))
+        setattr(module, f"effect_{i}", _jit(item.function, name, done))
     sys.modules[name] = module
     spec.loader.exec_module(module)
-    if not list(folder.glob("__pycache__/*.nbc")):
+    kept = any(folder.glob("__pycache__/*.nbc"))
+    if not kept:
         for i, item in enumerate(items):
             if not _is_ours(item):
                 _check_alone(item, getattr(module, f"effect_{i}"))
@@ -304,7 +309,15 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
         tuple(e.name for e in items), tuple(names), STATES + tuple(carried), started_on,
         module.simulate_batch, module.evaluate, text,
     )  # fmt: skip
-    _warm_up(kernel)
+    try:
+        _warm_up(kernel)
+    except InputError:
+        raise
+    except Exception:
+        if not kept:
+            raise
+        shutil.rmtree(folder, ignore_errors=True)  # what was kept is damaged
+        return _build(items, announce)
     _kernels[key] = kernel
     return kernel
 
@@ -364,8 +377,9 @@ def _reason(error: Exception) -> str:
     """The line of a compiler's message that tells a user what to change, with its place."""
     text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    noise = ("Failed in ", "During:", "File ", "There are ", "- ", "This error", "To see", "<source")
+    noise = ("Failed in ", "During:", "File ", "There are ", "- ", "This error")
     told = [line for line in lines if not line.startswith(noise)]
     place = re.search(r'File "[^"]*", line (\d+)', text)
-    reason = (told or lines or [type(error).__name__])[0].rstrip(".:")[:200]
+    told = told or lines or [type(error).__name__]
+    reason = " ".join(told[:2] if told[0].endswith("signature:") else told[:1]).rstrip(".:")[:200]  # what it was called with
     return reason + (f" (line {place[1]})" if place else "")
