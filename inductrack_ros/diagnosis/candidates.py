@@ -92,8 +92,6 @@ def screen(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project
 def _standing(project: Projector, parts: list[np.ndarray]) -> tuple[float, float] | None:
     """Promised fall in χ² and deviation of the first coefficient; None where the data cannot see it."""
     raw = project.stack(parts)
-    if not np.isfinite(raw).all():
-        return None
     projected = project(raw)
     size, left = np.linalg.norm(raw, axis=0), np.linalg.norm(projected, axis=0)
     if (left < 1e-5 * size).any() or (left < 1e-6).any():

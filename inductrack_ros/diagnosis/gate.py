@@ -82,8 +82,8 @@ class Projector:
         return out - self.theta @ (self.theta.T @ out)
 
     def stack(self, parts: Sequence[np.ndarray]) -> np.ndarray:
-        """Per-run columns (m_i, l), only the rows compared, one above the other."""
-        return np.vstack([p[rows] for p, rows in zip(parts, self.rows, strict=True)])
+        """Per-run columns (m_i, l), only the rows compared, one above the other; what cannot be predicted does not change."""
+        return np.nan_to_num(np.vstack([p[rows] for p, rows in zip(parts, self.rows, strict=True)]))
 
 
 def _orthonormal(a: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ class Structure:
                 raise InputError(f"free: unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
             return PARAMETERS[name]
         item, _ = split_name(effect, self.model.known_effects, CHANNELS)
-        return item.parameters[parameter]
+        return item.parameters[parameter.partition("[")[0]]
 
     @cached_property
     def declarations(self) -> tuple[Parameter, ...]:
@@ -71,7 +71,11 @@ class Structure:
     def value(self, name: str) -> float:
         """The model's value of a parameter by its full name."""
         effect, _, parameter = name.rpartition(".")
-        return self.model.effects[effect][parameter] if effect else self.model.parameters[name]
+        parameter, table, entry = parameter.partition("[")
+        if not effect:
+            return self.model.parameters[name]
+        value = self.model.effects[effect][parameter]
+        return value[int(entry[:-1])] if table else value
 
     def encode(self, values: Sequence[float]) -> np.ndarray:
         """Theta from parameter values."""
@@ -98,7 +102,11 @@ class Structure:
         effects = {e: dict(v) for e, v in self.model.effects.items()}
         for name, value in values.items():
             effect, dot, parameter = name.rpartition(".")
-            if dot:
+            parameter, table, entry = parameter.partition("[")
+            if table:
+                effects[effect][parameter] = list(effects[effect][parameter])
+                effects[effect][parameter][int(entry[:-1])] = value
+            elif dot:
                 effects[effect][parameter] = value
         return self.model.with_changes(base, effects)
 
@@ -139,12 +147,13 @@ class Structure:
                 result[base] = np.full(len(thetas), where)
         return result
 
-    def plus(self, name: str, values: Mapping[str, float] | None = None) -> Structure:
-        """This structure with one more effect, its parameters free and started at ``values`` (where it vanishes otherwise)."""
+    def plus(self, name: str, values: Mapping[str, object] | None = None, free: Sequence[str] | None = None) -> Structure:
+        """This structure with one more effect started at ``values`` (where it vanishes otherwise), ``free`` of its parameters
+        (all, unless said) to be fitted."""
         item, _ = split_name(name, self.model.known_effects, CHANNELS)
         start = {p: d.default for p, d in item.parameters.items()} | dict(values or {})
         model = self.model.with_changes(effects={**self.model.effects, name: start})
-        return Structure(model, self.free + tuple(f"{name}.{p}" for p in item.parameters))
+        return Structure(model, self.free + tuple(f"{name}.{p}" for p in (item.parameters if free is None else free)))
 
     def minus(self, name: str) -> Structure:
         """This structure without one effect."""

@@ -10,7 +10,7 @@ from . import Parameter, effect
 VARIABLES = (
     "surge", "sway", "heave", "roll", "surge_rate", "sway_rate", "heave_rate", "roll_rate", "time", "drive",
 )  # fmt: skip
-TABLE = 64
+TABLE = 192
 
 
 def curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive, start, step, knots, values):
