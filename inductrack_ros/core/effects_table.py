@@ -32,8 +32,8 @@ def rows(effects: Iterable[Effect]) -> list[str]:
 
 
 def text() -> str:
-    """The table of the whole catalogue: the cradle's effects, then the sensors', then those that only stand in."""
-    effects = sorted(catalogue().values(), key=lambda e: (not e.screened, e.of_channel))
+    """The table of what a diagnosis chooses from: the cradle's effects, then the sensors'."""
+    effects = sorted((e for e in catalogue().values() if e.screened), key=lambda e: e.of_channel)
     return "\n".join([HEAD, *rows(effects)])
 
 
