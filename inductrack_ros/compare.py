@@ -40,6 +40,7 @@ from .core.model import Model
 from .core.state import OUTPUTS, STATES
 from .data import Campaign, Run, write_prediction
 from .data.measurement import Array
+from .estimation import noise
 from .estimation.fit import fit
 from .estimation.problem import Problem
 from .estimation.structure import Structure
@@ -147,18 +148,24 @@ class Comparison:
 
 def compare(campaign: Campaign, model: Model) -> Comparison:
     """Predict every run and say where the prediction fails. Raises `InputError` for what cannot be simulated."""
-    noise = noise_levels(campaign)
-    problem, structure = Problem(campaign, model, noise), Structure(model, ())
-    states = problem.for_runs(lambda i: _initial_state(problem.subset([i]), structure, HORIZONS, 0.02))
-    everywhere = Problem(replace(campaign, runs=tuple(_filled(r) for r in campaign.runs)), model, noise)
-    restarted = _restart(campaign, model, noise)
+    structure = Structure(model, ())
+    problem = Problem(campaign, model, _first_noise(campaign))
+    states = _initial_states(problem, structure)
+    if any(c not in campaign.noise_std for c in campaign.channels):
+        left = problem.residuals(structure, structure.start, states)
+        found = noise.from_residuals(problem, left, campaign.noise_std)
+        problem = problem.with_sigma(np.fmax(found, [_resolution(campaign, c) for c in problem.channels]))
+        states = _initial_states(problem, structure)
+    sigma = dict(zip(problem.channels, problem.sigma.tolist(), strict=True))
+    everywhere = Problem(replace(campaign, runs=tuple(_filled(r) for r in campaign.runs)), model, sigma)
+    restarted = _restart(campaign, model, sigma)
 
     def one(i: int) -> RunComparison:
         run, data = campaign.runs[i], problem.runs[i]
         outputs = everywhere.simulate(structure, i, structure.start[None], states[i][None])
         flat = everywhere.predict(structure, i, structure.start[None], outputs)[0]
         predicted = flat.reshape(run.values.shape)
-        sigmas = _sigmas(run, predicted, outputs[0], noise)
+        sigmas = _sigmas(run, predicted, outputs[0], sigma)
         truth = outputs[0][np.searchsorted(everywhere.runs[i].grid, run.times)]
         return RunComparison(
             run,
@@ -167,12 +174,12 @@ def compare(campaign: Campaign, model: Model) -> Comparison:
             _continued(run.times, predicted),
             sigmas,
             restarted[i],
-            _conditions(run, truth, model, noise),
+            _conditions(run, truth, model, sigma),
             _holds_for(run, sigmas),
         )
 
     runs = tuple(one(i) for i in range(len(campaign.runs)))
-    return Comparison(campaign, model, noise, frozenset(campaign.noise_std), runs, _stretches(runs))
+    return Comparison(campaign, model, sigma, frozenset(campaign.noise_std), runs, _stretches(runs))
 
 
 def write_results(result: Comparison, folder: Path) -> None:
@@ -239,6 +246,11 @@ def rms(values: Array) -> float:
 # ---------------------------------------------------------------- one run
 
 
+def _initial_states(problem: Problem, structure: Structure) -> list[Array]:
+    """Initial state (8,) of each run."""
+    return problem.for_runs(lambda i: _initial_state(problem.subset([i]), structure, HORIZONS, 0.02))
+
+
 def _initial_state(problem: Problem, structure: Structure, horizons: Sequence[float], tolerance: float) -> Array:
     """Initial state (8,) of the one run in ``problem``, fitted over as much of its beginning as the model follows.
 
@@ -276,14 +288,14 @@ def _continued(times: Array, predicted: Array) -> Array:
     return result
 
 
-def _sigmas(run: Run, predicted: Array, outputs: Array, noise: Mapping[str, float]) -> Array:
+def _sigmas(run: Run, predicted: Array, outputs: Array, sigma: Mapping[str, float]) -> Array:
     """(measured − predicted) / noise; NaN where not measured or not predictable, infinite once the simulation has left all bounds."""
-    difference = (run.values - predicted) / np.array([noise[c] for c in run.channels])
+    difference = (run.values - predicted) / np.array([sigma[c] for c in run.channels])
     lost = np.isnan(outputs[-1]).any() & np.isnan(predicted) & (np.cumsum(np.isfinite(predicted), axis=0) > 0)
     return np.where(run.measured & lost, np.inf, difference)
 
 
-def _restart(campaign: Campaign, model: Model, noise: Mapping[str, float]) -> list[Array | None]:
+def _restart(campaign: Campaign, model: Model, sigma: Mapping[str, float]) -> list[Array | None]:
     """Error over noise of each run, (n, c), where every `WINDOW` starts from a state fitted to it.
 
     An error that builds up slowly vanishes here; one that arises at a place, a speed or a touch stays, and stays there.
@@ -307,7 +319,7 @@ def _restart(campaign: Campaign, model: Model, noise: Mapping[str, float]) -> li
     if not windows:
         return [None] * len(campaign.runs)
     structure = Structure(model, ())
-    problem = Problem(replace(campaign, runs=tuple(windows)), model, noise)
+    problem = Problem(replace(campaign, runs=tuple(windows)), model, sigma)
     states = problem.for_runs(lambda k: _initial_state(problem.subset([k]), structure, (), 1.0))
     residuals = problem.residuals(structure, structure.start, states)
     for (i, rows), window, residual in zip(where, windows, residuals, strict=True):
@@ -332,7 +344,7 @@ def _holds_for(run: Run, sigmas: Array) -> float | None:
     return min(ends, default=None)
 
 
-def _conditions(run: Run, outputs: Array, model: Model, noise: Mapping[str, float]) -> dict[str, Array]:
+def _conditions(run: Run, outputs: Array, model: Model, sigma: Mapping[str, float]) -> dict[str, Array]:
     """Under which conditions each sample was taken, from the measurements where they show it, else from simulated outputs (n, 15)."""
     simulated = dict(zip(OUTPUTS, outputs.T, strict=True))
 
@@ -345,7 +357,7 @@ def _conditions(run: Run, outputs: Array, model: Model, noise: Mapping[str, floa
     place = best("surge", simulated["surge"])
     top = best("gap_top", model.parameters["nominal_gap"] + best("heave", simulated["heave"]))
     lowest = np.min([top, *(best(g, simulated[g]) for g in ("gap_right", "gap_left"))], axis=0)
-    margin = 2 * noise.get("gap_top", noise.get("heave", 0.0))
+    margin = 2 * sigma.get("gap_top", sigma.get("heave", 0.0))
     speed = _slope(run.times, place) if "surge" in run.channels else simulated["surge_rate"]
     speed = best("surge_rate", speed)
     speed = np.where(np.abs(speed) < AT_REST, 0.0, speed)
@@ -432,40 +444,30 @@ def _rank(error: float) -> float:
     return -1.0 if math.isnan(error) else error
 
 
-def noise_levels(campaign: Campaign) -> dict[str, float]:
-    """Noise (standard deviation) of each channel: as the campaign states it, else estimated from what no motion can follow."""
-    return {c: campaign.noise_std.get(c) or _estimated_noise(campaign, c) for c in campaign.channels}
+def _first_noise(campaign: Campaign) -> dict[str, float]:
+    """Noise (standard deviation) of each channel: as the campaign states it, else a guess from its samples alone."""
+    guess = noise.from_samples(campaign)
+    levels = {}
+    for channel in campaign.channels:
+        levels[channel] = campaign.noise_std.get(channel) or float(np.fmax(guess[channel], _resolution(campaign, channel)))
+        if not levels[channel] > 0.0:
+            raise InputError(
+                f"{campaign.folder}: the noise of {channel} cannot be estimated (too few samples, or none at all); "
+                f"give noise_std: {{{channel}: …}} in campaign.yaml"
+            )
+    return levels
 
 
-def _estimated_noise(campaign: Campaign, channel: str) -> float:
-    """Noise of a channel from how far samples lie off the cubic through their four neighbours, by the median: impacts do not count."""
-    scores = []
+def _resolution(campaign: Campaign, channel: str) -> float:
+    """Standard deviation of a channel's rounding, 0 where readings hardly repeat: a sensor is no better than its steps."""
+    steps = []
     for run in campaign.runs:
-        if channel in run.channels and len((samples := run.samples(channel))[0]) > 4:
-            t, y = (np.lib.stride_tricks.sliding_window_view(a, 5) for a in samples)
-            t = t - t[:, 2:3]
-            others = (0, 1, 3, 4)
-            weights = [np.prod([t[:, j] / (t[:, j] - t[:, i]) for j in others if j != i], axis=0) for i in others]
-            off = y[:, 2] - sum(w * y[:, i] for w, i in zip(weights, others, strict=True))
-            scores.append(np.abs(off) / np.sqrt(1.0 + sum(w**2 for w in weights)))
-    noise = 1.4826 * float(np.median(np.concatenate(scores))) if scores else 0.0
-    noise = max(noise, *(_resolution(run, channel) / math.sqrt(12.0) for run in campaign.runs), 0.0)
-    if noise <= 0.0:
-        raise InputError(
-            f"{campaign.folder}: the noise of {channel} cannot be estimated (too few samples, or none at all); "
-            f"give noise_std: {{{channel}: …}} in campaign.yaml"
-        )
-    return noise
-
-
-def _resolution(run: Run, channel: str) -> float:
-    """Smallest step between two readings: a sensor that rounds is no better than that."""
-    if channel not in run.channels:
-        return 0.0
-    readings = run.samples(channel)[1]
-    different = np.unique(readings)
-    rounds = 1 < different.size < 0.5 * readings.size
-    return float(np.diff(different).min()) if rounds else 0.0
+        if channel in run.channels:
+            readings = run.samples(channel)[1]
+            different = np.unique(readings)
+            if 1 < different.size < 0.5 * readings.size:
+                steps.append(float(np.diff(different).min()))
+    return max(steps, default=0.0) / math.sqrt(12.0)
 
 
 def _finite(data: Any) -> Any:

@@ -131,9 +131,12 @@ def packed(values: ArrayLike) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(raw).decode("ascii")}
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", words: int = 1) -> str:
-    """An HTML table; cells are HTML. The first ``words`` columns are set left, numbers right."""
-    align = [' class="word"' if i < words else "" for i in range(len(header))]
+def table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", words: int = 1, last_words: bool = False
+) -> str:
+    """An HTML table; cells are HTML. The first ``words`` columns (and with ``last_words`` the last) are set left, numbers right."""
+    left = {*range(words), *([len(header) - 1] if last_words else [])}
+    align = [' class="word"' if i in left else "" for i in range(len(header))]
     head = "".join(f'<th scope="col"{a}>{cell}</th>' for a, cell in zip(align, header, strict=True))
     body = "".join(
         "<tr>" + "".join(_cell(i, a, cell) for i, (a, cell) in enumerate(zip(align, row, strict=True))) + "</tr>" for row in rows

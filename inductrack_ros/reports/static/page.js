@@ -46,7 +46,8 @@ const page = (() => {
       displaylogo: false, responsive: true, displayModeBar: figure.fixed ? false : "hover",
       modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]], // nothing that leaves this file
     };
-    return Plotly.react(element, coloured(figure.data, style), { ...base, ...(figure.fixed ? { dragmode: false } : {}), ...layout, ...axes, ...paper }, config);
+    const whole = { ...base, ...(figure.fixed ? { dragmode: false } : {}), ...layout, ...axes, legend: { ...base.legend, ...layout.legend }, ...paper };
+    return Plotly.react(element, coloured(figure.data, style), whole, config);
   }
 
   // Numbers packed by Python as 32-bit floats.
