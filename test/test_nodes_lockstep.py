@@ -14,6 +14,8 @@ pytest.importorskip("rclpy")
 from geometry_msgs.msg import PointStamped, TwistStamped
 from std_srvs.srv import SetBool, Trigger
 
+from inductrack_ros.core.model import Model, Pulses
+from inductrack_ros.core.state import STATES
 from inductrack_ros.data.bags import read_bag
 from inductrack_ros.nodes.topics import nanoseconds_of
 
@@ -79,6 +81,14 @@ def test_two_lockstep_runs_give_the_same_bag(ros, tmp_path):
     assert first == second
     run = read_bag(tmp_path / "first")  # and it is a run of a campaign: sensors, and the pulses that were fired
     assert {"surge", "heave_rate", "gap_top", "heave_acceleration"} <= set(run.channels) and len(run.pulses.times) > 250
+
+    # The pulses that were fired, given to the model, are the run.
+    truth = read_bag(tmp_path / "first", {n: f"/inductrack/{n}" for n in ("pose", "twist")} | {"imu": None})
+    whole = np.column_stack([truth.values[:, truth.channels.index(name)] for name in STATES])
+    fired = Pulses(truth.pulses.times, truth.pulses.coils, truth.pulses.currents)
+    again = Model.create(drive="pulses").simulate(truth.times, whole[0], pulses=fired)
+    until = truth.times < 1.0
+    assert np.abs(again.states - whole)[until].max() < 1e-5
 
 
 def test_lockstep_waits_and_says_for_whom(ros):
