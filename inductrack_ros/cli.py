@@ -95,7 +95,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _model_argument(parser: argparse.ArgumentParser, otherwise: str) -> None:
-    parser.add_argument("--model", metavar="MODEL.yaml", help=f"the model, a ROS 2 parameter file (default: {otherwise})")
+    parser.add_argument(
+        "--model", metavar="MODEL.yaml", help=f"the model, a ROS 2 parameter file (default: {otherwise})"
+    )
 
 
 def _campaign_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,7 +105,11 @@ def _campaign_arguments(parser: argparse.ArgumentParser) -> None:
     _model_argument(parser, "the campaign's own, else the paper's")
     parser.add_argument("--output", metavar="DIR", required=True, help="folder for the results; made if need be")
     parser.add_argument(
-        "--effects", metavar="MY_EFFECTS.py", action="append", default=[], help="a file with effects of your own (it is run)"
+        "--effects",
+        metavar="MY_EFFECTS.py",
+        action="append",
+        default=[],
+        help="a file with effects of your own (it is run)",
     )
 
 
@@ -170,8 +176,12 @@ def _simulate_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--duration", metavar="S", type=float, default=3.0, help="seconds to simulate (default: 3)")
     parser.add_argument("--rate", metavar="HZ", type=float, default=500.0, help="samples a second (default: 500)")
-    parser.add_argument("--drive-current", metavar="A", type=float, help="drive current, 0 to coast (default: the model's, 7000)")
-    parser.add_argument("--output", metavar="RUN.csv|BAG", required=True, help="a .csv file, or else a rosbag2 folder to be made")
+    parser.add_argument(
+        "--drive-current", metavar="A", type=float, help="drive current, 0 to coast (default: the model's, 7000)"
+    )
+    parser.add_argument(
+        "--output", metavar="RUN.csv|BAG", required=True, help="a .csv file, or else a rosbag2 folder to be made"
+    )
     parser.epilog = (
         "example:\n  inductrack simulate --initial surge_rate=15.5,sway=0.004 --duration 3 --output run.csv\n\n"
         "writes time, surge, sway, heave, roll and their rates; a bag has the topics that the sim node publishes.\n"
@@ -186,7 +196,9 @@ def _simulate(arguments: argparse.Namespace) -> None:
     if not (math.isfinite(arguments.rate) and arguments.rate > 0):
         raise InputError(f"--rate {arguments.rate:g}: must be above 0 Hz")
     if arguments.duration * arguments.rate > MOST_SAMPLES:
-        raise InputError(f"--duration × --rate is {arguments.duration * arguments.rate:g} samples; at most {MOST_SAMPLES} are written")
+        raise InputError(
+            f"--duration × --rate is {arguments.duration * arguments.rate:g} samples; at most {MOST_SAMPLES} are written"
+        )
     output = Path(arguments.output)
     is_csv = output.suffix.lower() == ".csv"
     if os.path.lexists(output) and (output.is_dir() if is_csv else True):
@@ -203,14 +215,18 @@ def _simulate(arguments: argparse.Namespace) -> None:
 
     model = Model.load(arguments.model) if arguments.model else Model.default()
     if model.drive == "pulses":
-        raise InputError(f"{arguments.model}: drive: pulses needs the controller node, which fires them; set drive: averaged here")
+        raise InputError(
+            f"{arguments.model}: drive: pulses needs the controller node, which fires them; set drive: averaged here"
+        )
     if arguments.drive_current is not None:
         PARAMETERS["drive_current"].check("--drive-current", arguments.drive_current)
     times = np.arange(round(arguments.duration * arguments.rate) + 1) / arguments.rate
     run = model.simulate(times, model.initial_state(**initial), arguments.drive_current)
     lost = np.flatnonzero(~np.isfinite(run.states).all(axis=1))
     if lost.size:
-        raise InputError(f"the simulation leaves all bounds at {times[lost[0]]:g} s; look at --initial and the model's parameters")
+        raise InputError(
+            f"the simulation leaves all bounds at {times[lost[0]]:g} s; look at --initial and the model's parameters"
+        )
     columns = {name: run[name] for name in STATES}
     if is_csv:
         write_csv(output, times, columns, overwrite=True)

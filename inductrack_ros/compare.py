@@ -313,7 +313,16 @@ def _restart(campaign: Campaign, model: Model, sigma: Mapping[str, float]) -> li
             if measured.any(axis=1).sum() > 2 and (measured.sum(axis=0) >= FEWEST_IN_WINDOW).all():
                 start = run.times[rows[0]]
                 pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
-                windows.append(replace(run, times=run.times[rows] - start, values=values, stamps=run.stamps[rows], initial_state={}, pulses=pulses))
+                windows.append(
+                    replace(
+                        run,
+                        times=run.times[rows] - start,
+                        values=values,
+                        stamps=run.stamps[rows],
+                        initial_state={},
+                        pulses=pulses,
+                    )
+                )
                 where.append((i, rows))
     result: list[Array | None] = [np.full(run.values.shape, np.nan) for run in campaign.runs]
     if not windows:
@@ -406,7 +415,9 @@ def _stretch(
     whole, afresh = [r.sigmas for r in runs], [r.restarted for r in runs]
     samples = sum(int(i.sum()) for i in inside)
     local = over(afresh)
-    return Stretch(by, unit, low, high, samples, over(whole), each(whole), None if math.isnan(local) else local, each(afresh))
+    return Stretch(
+        by, unit, low, high, samples, over(whole), each(whole), None if math.isnan(local) else local, each(afresh)
+    )
 
 
 def _populated(values: Array, edges: Array) -> Array:
@@ -449,7 +460,9 @@ def _first_noise(campaign: Campaign) -> dict[str, float]:
     guess = noise.from_samples(campaign)
     levels = {}
     for channel in campaign.channels:
-        levels[channel] = campaign.noise_std.get(channel) or float(np.fmax(guess[channel], _resolution(campaign, channel)))
+        levels[channel] = campaign.noise_std.get(channel) or float(
+            np.fmax(guess[channel], _resolution(campaign, channel))
+        )
         if not levels[channel] > 0.0:
             raise InputError(
                 f"{campaign.folder}: the noise of {channel} cannot be estimated (too few samples, or none at all); "

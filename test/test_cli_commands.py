@@ -67,7 +67,15 @@ def test_simulate_takes_model_state_and_current(tmp_path):
     model = Model.create({"eta": 0.75}, effects={"aerodynamic_drag": {"drag_area": 0.02}})
     model.save(tmp_path / "model.yaml")
     cli.main(
-        ["simulate", "--model", str(tmp_path / "model.yaml"), "--initial", "surge_rate=20, sway=0.003,heave=-0.005", "--drive-current", "0"]
+        [
+            "simulate",
+            "--model",
+            str(tmp_path / "model.yaml"),
+            "--initial",
+            "surge_rate=20, sway=0.003,heave=-0.005",
+            "--drive-current",
+            "0",
+        ]
         + ["--duration", "0.2", "--output", str(tmp_path / "run.csv")]
     )
     run = read_csv(tmp_path / "run.csv")
@@ -122,7 +130,9 @@ def test_simulate_refuses_a_folder_that_is_not_there(tmp_path, capsys):
 
 def test_simulate_refuses_pulses_nobody_fires(tmp_path, capsys):
     Model.create(drive="pulses").save(tmp_path / "model.yaml")
-    assert "controller" in fails(capsys, "simulate", "--model", tmp_path / "model.yaml", "--output", tmp_path / "run.csv")
+    assert "controller" in fails(
+        capsys, "simulate", "--model", tmp_path / "model.yaml", "--output", tmp_path / "run.csv"
+    )
 
 
 def test_compare_writes_what_it_promises(tmp_path, campaign, capsys):
@@ -149,7 +159,12 @@ def test_compare_leaves_no_trace_when_it_refuses(tmp_path, campaign, capsys, bro
     extra = ["--model", tmp_path / "model.yaml"] if broken == "model" else []
     before = sorted(campaign.iterdir())
     said = fails(capsys, "compare", tmp_path / "none" if broken == "campaign" else campaign, *extra, "--output", out)
-    words = {"campaign": "no such folder", "model": "did you mean 'eta'?", "file": "is a file", "own": "campaign's own folder"}
+    words = {
+        "campaign": "no such folder",
+        "model": "did you mean 'eta'?",
+        "file": "is a file",
+        "own": "campaign's own folder",
+    }
     assert words[broken] in said
     assert sorted(os.listdir(tmp_path)) == ["file", "model.yaml"]
     assert sorted(campaign.iterdir()) == before

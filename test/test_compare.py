@@ -20,8 +20,15 @@ RUNS = ((15.5, 0.002, 7000.0), (22.0, -0.003, 0.0))
 
 
 def make_campaign(
-    folder: Path, model: Model, duration: float = 0.6, given: bool = False, noise: bool = True, channels=tuple(NOISE), holes: int = 0,
-    step: float = 0.002, rounded: float = 0.0,
+    folder: Path,
+    model: Model,
+    duration: float = 0.6,
+    given: bool = False,
+    noise: bool = True,
+    channels=tuple(NOISE),
+    holes: int = 0,
+    step: float = 0.002,
+    rounded: float = 0.0,
 ) -> Path:
     """A campaign of `RUNS` that ``model`` really made, seen through noisy sensors."""
     random = np.random.default_rng(4)
@@ -39,7 +46,13 @@ def make_campaign(
         write_csv(folder / f"run_{i}.csv", times, columns)
         entry = {"file": f"run_{i}.csv", "drive_current": current}
         if given:
-            entry["initial_state"] = {"surge_rate": speed, "sway": sway, "heave": float(state[2]), "surge": 0.0, "roll": 0.0}
+            entry["initial_state"] = {
+                "surge_rate": speed,
+                "sway": sway,
+                "heave": float(state[2]),
+                "surge": 0.0,
+                "roll": 0.0,
+            }
             entry["initial_state"] |= {"sway_rate": 0.0, "heave_rate": 0.0, "roll_rate": 0.0}
         entries.append(entry)
     stated = {"noise_std": {c: NOISE[c] for c in channels}} if noise else {}
@@ -120,7 +133,16 @@ def test_the_json_is_plain_and_complete(dragged, tmp_path):
     write_results(result, tmp_path)
     read = json.loads((tmp_path / "comparison.json").read_text())
     assert read == json.loads(json.dumps(to_json(result), allow_nan=False))
-    assert read["runs"][0]["estimated"] == ["surge", "sway", "heave", "roll", "surge_rate", "sway_rate", "heave_rate", "roll_rate"]
+    assert read["runs"][0]["estimated"] == [
+        "surge",
+        "sway",
+        "heave",
+        "roll",
+        "surge_rate",
+        "sway_rate",
+        "heave_rate",
+        "roll_rate",
+    ]
     assert read["noise_std"]["heave"] == {"value": 3e-5, "given": True}
     assert {s["by"] for s in read["stretches"]} >= {"speed", "gap", "place", "contact"}
 
@@ -159,7 +181,9 @@ def test_a_channel_without_noise_asks_for_it(tmp_path):
         compare(load_campaign(folder), Model.default())
 
 
-@pytest.mark.parametrize(("low", "high", "about"), [(0.0, 39.7, 8), (-3e-5, 0.0071, 8), (12.0, 12.0, 8), (1e5, 1.1e5, 14)])
+@pytest.mark.parametrize(
+    ("low", "high", "about"), [(0.0, 39.7, 8), (-3e-5, 0.0071, 8), (12.0, 12.0, 8), (1e5, 1.1e5, 14)]
+)
 def test_edges_are_round_and_few(low, high, about):
     edges = nice_edges(np.linspace(low, high, 500), about)
     assert 2 <= len(edges) <= about + 1

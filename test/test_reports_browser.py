@@ -34,8 +34,20 @@ def open_page(html: str, folder: Path, probe: str, *options: str) -> dict:
     file = folder / "report.html"
     head, body = html.rsplit("</body>", 1)
     file.write_text(head + PROBE % probe + body, encoding="utf-8")
-    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
-    command += ["--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=20000"]
+    command = [
+        BROWSER,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-sync",
+    ]
+    command += [
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+        f"--user-data-dir={folder / 'profile'}",
+        "--virtual-time-budget=20000",
+    ]
     command += ["--window-size=1280,900", "--enable-logging=stderr", *options, "--dump-dom", file.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
     complaints = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
@@ -122,14 +134,23 @@ def test_plots_take_the_theme_and_print_on_white(report, tmp_path, theme):
 
 
 def test_it_fits_a_narrow_window(report, tmp_path):
-    seen = open_page(report, tmp_path, "seen.wide = document.documentElement.scrollWidth - innerWidth;", "--window-size=520,900")
+    seen = open_page(
+        report, tmp_path, "seen.wide = document.documentElement.scrollWidth - innerWidth;", "--window-size=520,900"
+    )
     assert seen["wide"] <= 0
 
 
 def test_it_prints_to_paper(report, tmp_path):
     file, paper = tmp_path / "report.html", tmp_path / "report.pdf"
     file.write_text(report, encoding="utf-8")
-    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={tmp_path / 'profile'}"]
+    command = [
+        BROWSER,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--no-first-run",
+        f"--user-data-dir={tmp_path / 'profile'}",
+    ]
     command += ["--virtual-time-budget=20000", "--no-pdf-header-footer", f"--print-to-pdf={paper}", file.as_uri()]
     subprocess.run(command, capture_output=True, timeout=180, check=True)
     pages = len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes()))

@@ -51,7 +51,16 @@ def test_a_table_names_its_rows_and_columns():
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.0, "0"), (1234.6, "1235"), (0.00012345, "0.000123"), (-2.5, "−2.5"), (1.8e-6, "1.8·10⁻⁶"), (9.1e6, "9.1·10⁶"), (np.nan, "–"), (np.inf, "∞")],
+    [
+        (0.0, "0"),
+        (1234.6, "1235"),
+        (0.00012345, "0.000123"),
+        (-2.5, "−2.5"),
+        (1.8e-6, "1.8·10⁻⁶"),
+        (9.1e6, "9.1·10⁶"),
+        (np.nan, "–"),
+        (np.inf, "∞"),
+    ],
 )
 def test_numbers_read_well(value, text):
     assert number(value) == text

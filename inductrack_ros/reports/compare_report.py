@@ -33,7 +33,9 @@ def compare_report(result: Comparison) -> str:
         tone="good" if result.error <= NOISE_ALONE else "warn" if result.error <= PLAINLY else "bad",
         lead=_lead(result),
     )
-    page.picture(page.figure(_matrix(result), "RMS of measured minus predicted, over the sensor's noise. 1 is a perfect model."))
+    page.picture(
+        page.figure(_matrix(result), "RMS of measured minus predicted, over the sensor's noise. 1 is a perfect model.")
+    )
     worst = result.worst_run
     page.section(
         "Traces",
@@ -84,9 +86,15 @@ def _lead(result: Comparison) -> str:
         if place := _outstanding(result):
             points.append(f"<strong>{text(place)}</strong> (when restarted every {WINDOW:g} s).")
     effects = [effect_name(e) for e in result.model.effects]
-    points.append(f"Model: {text(listed(effects))} added to the paper's equations." if effects else "Model: the paper's equations, no effect added.")
+    points.append(
+        f"Model: {text(listed(effects))} added to the paper's equations."
+        if effects
+        else "Model: the paper's equations, no effect added."
+    )
     if result.error > NOISE_ALONE:
-        points.append("<code>inductrack diagnose</code> refits the parameters and says which effect is missing, if one is.")
+        points.append(
+            "<code>inductrack diagnose</code> refits the parameters and says which effect is missing, if one is."
+        )
     return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
 
 
@@ -142,7 +150,13 @@ def _matrix(result: Comparison) -> Figure:
         "yaxis": {"ticks": "", "showgrid": False},
         "margin": {"l": 8, "r": 8, "t": 8, "b": 8},
     }
-    return Figure([data], layout, "Error over noise of every channel and run; the table of runs has the numbers", 120 + 38 * len(channels), fixed=True)
+    return Figure(
+        [data],
+        layout,
+        "Error over noise of every channel and run; the table of runs has the numbers",
+        120 + 38 * len(channels),
+        fixed=True,
+    )
 
 
 def _traces(r: RunComparison) -> RunTraces:
@@ -157,14 +171,22 @@ def _traces(r: RunComparison) -> RunTraces:
 
 def _about(r: RunComparison) -> str:
     speed = r.initial_state.get("surge_rate", 0.0)
-    drive = "pulses" if r.run.pulses is not None else f"{number(r.run.drive_current, 4)} A" if r.run.drive_current else "coasting"
+    drive = (
+        "pulses"
+        if r.run.pulses is not None
+        else f"{number(r.run.drive_current, 4)} A"
+        if r.run.drive_current
+        else "coasting"
+    )
     return f"{number(speed, 3)} m/s, {drive}"
 
 
 def _where(page: Page, result: Comparison) -> str:
     restarted = any(s.restarted is not None for s in result.stretches)
     figures = "".join(
-        page.figure(_stretch_figure(of_kind, by)) for by in _BY if len(of_kind := [s for s in result.stretches if s.by == by]) > 1
+        page.figure(_stretch_figure(of_kind, by))
+        for by in _BY
+        if len(of_kind := [s for s in result.stretches if s.by == by]) > 1
     )
     meaning = (
         f"<p><span class='bad-word'>Open loop</span> an error stays once it is made. <strong>Restarted</strong> every {WINDOW:g} s from a state "
@@ -186,7 +208,12 @@ def _where(page: Page, result: Comparison) -> str:
         for s in result.stretches
     ]
     header = ["Stretch", "", "Samples", "All channels", "Restarted", *(text(title(c)) for c in channels)]
-    numbers = table(header, rows, "RMS error over noise of all samples in the stretch, all runs together; in brackets restarted.", words=2)
+    numbers = table(
+        header,
+        rows,
+        "RMS error over noise of all samples in the stretch, all runs together; in brackets restarted.",
+        words=2,
+    )
     return meaning + f'<div class="two">{figures}</div>' + folded("The same as a table, per channel", numbers)
 
 
@@ -210,7 +237,10 @@ def _stretch_figure(stretches: list[Stretch], by: str) -> Figure:
         bar = {
             "type": "bar",
             "name": label,
-            "x": [x + side * shift * (s.high - s.low) * factor if width else x for x, s in zip(where, stretches, strict=True)],
+            "x": [
+                x + side * shift * (s.high - s.low) * factor if width else x
+                for x, s in zip(where, stretches, strict=True)
+            ],
             "y": [None if v is None or not math.isfinite(v) else v for v in values],
             "customdata": [_stretch_name(s) for s in stretches],
             "marker": {"color": colour},
@@ -225,7 +255,12 @@ def _stretch_figure(stretches: list[Stretch], by: str) -> Figure:
     layout = {
         "barmode": "overlay" if width else "group",
         "xaxis": {"title": f"{name}, {unit}" if unit else name},
-        "yaxis": {"title": "error / noise", "type": "log", "range": [math.log10(0.5), math.log10(max([*tops, 3.0]) * 1.3)], "dtick": 1},
+        "yaxis": {
+            "title": "error / noise",
+            "type": "log",
+            "range": [math.log10(0.5), math.log10(max([*tops, 3.0]) * 1.3)],
+            "dtick": 1,
+        },
         "shapes": [_noise_line()],
     }
     return Figure(data, layout, f"Error over noise by {name.lower()}; the table below has the numbers", 260)
@@ -250,10 +285,20 @@ def _runs(result: Comparison) -> str:
         holds = "to its end" if r.holds_for is None else f"{number(r.holds_for, 2)} s"
         errors, rmse = r.errors, r.rmse
         cells = [
-            f'{ratio(errors[c])} <span class="soft">({text(in_channel(c, rmse[c], 2))})</span>' if c in errors else "–" for c in channels
+            f'{ratio(errors[c])} <span class="soft">({text(in_channel(c, rmse[c], 2))})</span>' if c in errors else "–"
+            for c in channels
         ]
         about = text(_about(r))
-        rows.append([text(r.run.name), about, f"{number(r.run.duration, 3)} s", f"<strong>{ratio(r.error)}</strong>", *cells, holds])
+        rows.append(
+            [
+                text(r.run.name),
+                about,
+                f"{number(r.run.duration, 3)} s",
+                f"<strong>{ratio(r.error)}</strong>",
+                *cells,
+                holds,
+            ]
+        )
     header = ["Run", "Start, drive", "Length", "All", *(text(title(c)) for c in channels), "Holds for"]
     caption = f"RMS error over noise, in brackets in its own unit. A prediction holds until its RMS error over 20 samples exceeds {HOLDS_LIMIT:g} × noise."
     return table(header, rows, caption, words=2)
@@ -263,14 +308,21 @@ def _basis(result: Comparison) -> str:
     noise = table(
         ["Channel", "Noise (standard deviation)", ""],
         [
-            [text(title(c)), text(in_channel(c, s)), "given in campaign.yaml" if c in result.noise_given else "estimated from the data"]
+            [
+                text(title(c)),
+                text(in_channel(c, s)),
+                "given in campaign.yaml" if c in result.noise_given else "estimated from the data",
+            ]
             for c, s in result.noise.items()
         ],
     )
     states = table(
         ["Run", *(f"{text(title(s))}, {shown(s)[1]}" for s in STATES)],
         [
-            [text(r.run.name), *(number(r.initial_state[s] * shown(s)[0], 4) + ("" if s in r.estimated else " *") for s in STATES)]
+            [
+                text(r.run.name),
+                *(number(r.initial_state[s] * shown(s)[0], 4) + ("" if s in r.estimated else " *") for s in STATES),
+            ]
             for r in result.runs
         ],
         "* given; the others are fitted to as much of the run's beginning as the model follows. Nothing else was fitted.",
@@ -279,7 +331,9 @@ def _basis(result: Comparison) -> str:
         ["Parameter", "Value"],
         [[text(k), text(number(v, 6))] for k, v in result.model.to_mapping().items() if isinstance(v, float)],
     )
-    contact = f"Slower than {AT_REST:g} m/s counts as rest; an array touches where its gap is within two noises of zero."
+    contact = (
+        f"Slower than {AT_REST:g} m/s counts as rest; an array touches where its gap is within two noises of zero."
+    )
     return (
         noise
         + f"<p class='soft'>Speed, gap, place and contact are the measured ones where they were measured, else predicted. {contact}</p>"

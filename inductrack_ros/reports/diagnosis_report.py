@@ -19,7 +19,12 @@ if TYPE_CHECKING:
     from ..diagnosis.result import Diagnosis
 
 TONES = {"adequate": "good", "missing_effect": "bad", "unknown_effect": "warn"}
-_FORCE = {"surge": "a force along the track", "sway": "a lateral force", "heave": "a vertical force", "roll": "a roll moment"}
+_FORCE = {
+    "surge": "a force along the track",
+    "sway": "a lateral force",
+    "heave": "a vertical force",
+    "roll": "a roll moment",
+}
 _FORCE_UNIT = {"roll": "N·m"}
 _DEPENDS = {
     "surge": ("the place along the track", "place along the track, m"),
@@ -90,18 +95,28 @@ def _lead(result: Diagnosis) -> str:
     first, last = result.steps[0], result.steps[-1]
     if len(result.steps) > 1:
         fall = f"Error over noise falls from {ratio(math.sqrt(first.reduced_chi2))} to {ratio(math.sqrt(last.reduced_chi2))}"
-        held = f", on runs left out of the fit from {ratio(first.heldout_nrmse)} to {ratio(last.heldout_nrmse)}" if _finite(last.heldout_nrmse) else ""
+        held = (
+            f", on runs left out of the fit from {ratio(first.heldout_nrmse)} to {ratio(last.heldout_nrmse)}"
+            if _finite(last.heldout_nrmse)
+            else ""
+        )
         points.append(f"{fall}{held}.")
     else:
-        held = f"; on runs left out of the fit it is {ratio(first.heldout_nrmse)}" if _finite(first.heldout_nrmse) else ""
+        held = (
+            f"; on runs left out of the fit it is {ratio(first.heldout_nrmse)}" if _finite(first.heldout_nrmse) else ""
+        )
         points.append(f"Error over noise is {ratio(math.sqrt(first.reduced_chi2))} after the fit{held}.")
-    sizes = [f"{text(_full_symbol(n))} <strong>{text(_size(result, n))}</strong>" for n in result.parameters if "." in n]
+    sizes = [
+        f"{text(_full_symbol(n))} <strong>{text(_size(result, n))}</strong>" for n in result.parameters if "." in n
+    ]
     if sizes:
         points.append("Fitted: " + ", ".join(sizes) + ".")
     if result.unknown is not None:
         points.append(text(result.unknown.sentence))
     for effect, rivals in result.indistinguishable.items():
-        points.append(f"These data cannot tell {text(effect_name(effect))} from {text(listed([effect_name(r) for r in rivals], 'or'))}.")
+        points.append(
+            f"These data cannot tell {text(effect_name(effect))} from {text(listed([effect_name(r) for r in rivals], 'or'))}."
+        )
     if result.next_experiment:
         points.append(f"Next: {text(result.next_experiment)}")
     return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
@@ -112,11 +127,17 @@ def _lead(result: Diagnosis) -> str:
 
 def _picture(page: Page, result: Diagnosis) -> str:
     if result.unknown is not None and len(result.unknown.at):
-        return page.figure(_unknown_figure(result), "The force that is missing, as the data show it; the band is ±2 standard deviations.")
+        return page.figure(
+            _unknown_figure(result),
+            "The force that is missing, as the data show it; the band is ±2 standard deviations.",
+        )
     if len(result.steps) > 1:
         return page.figure(_steps_figure(result), "Each step adds one effect and refits everything. 1 is noise alone.")
     if result.detectable:
-        return page.figure(_detectable_figure(result), "The smallest size of each effect that these data would have shown, over the size at which it matters.")
+        return page.figure(
+            _detectable_figure(result),
+            "The smallest size of each effect that these data would have shown, over the size at which it matters.",
+        )
     return ""
 
 
@@ -141,10 +162,17 @@ def _steps_figure(result: Diagnosis) -> Figure:
     values = [v for v in [*fitted, *held] if _finite(v) and v > 0]
     layout = {
         "xaxis": {"type": "category", "range": [-0.35, len(names) - 0.65], "ticks": ""},
-        "yaxis": {"title": "error / noise", "type": "log", "range": [math.log10(min([*values, 0.8]) * 0.6), math.log10(max(values) * 1.9)], "dtick": 1},
+        "yaxis": {
+            "title": "error / noise",
+            "type": "log",
+            "range": [math.log10(min([*values, 0.8]) * 0.6), math.log10(max(values) * 1.9)],
+            "dtick": 1,
+        },
         "shapes": [_noise_line()],
     }
-    return Figure(data, layout, "Error over noise falling as effects are added, in the fit and on runs left out", 330, fixed=True)
+    return Figure(
+        data, layout, "Error over noise falling as effects are added, in the fit and on runs left out", 330, fixed=True
+    )
 
 
 def _noise_line() -> dict[str, Any]:
@@ -168,7 +196,11 @@ def _unknown_figure(result: Diagnosis) -> Figure:
     on = _DEPENDS[unknown.depends_on[0]][1] if unknown.depends_on else ""
     layout = {
         "xaxis": {"title": on},
-        "yaxis": {"title": f"{_FORCE[unknown.channel].split(' ', 1)[1]}, {unit}", "zeroline": True, "zerolinecolor": "@soft"},
+        "yaxis": {
+            "title": f"{_FORCE[unknown.channel].split(' ', 1)[1]}, {unit}",
+            "zeroline": True,
+            "zerolinecolor": "@soft",
+        },
         "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
     }
     return Figure([band, line], layout, f"The force that no effect explains over {on}", 330)
@@ -186,9 +218,25 @@ def _detectable_figure(result: Diagnosis) -> Figure:
         "xaxis": {"type": "log", "title": "smallest size that would have shown / size that matters", "dtick": 1},
         "yaxis": {"ticks": "", "tickfont": {"size": 11}},
         "margin": {"l": 8, "r": 70, "t": 8, "b": 8},
-        "shapes": [{"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1, "line": {"color": "@good", "width": 1.5, "dash": "dash"}}],
+        "shapes": [
+            {
+                "type": "line",
+                "x0": 1,
+                "x1": 1,
+                "yref": "paper",
+                "y0": 0,
+                "y1": 1,
+                "line": {"color": "@good", "width": 1.5, "dash": "dash"},
+            }
+        ],
     }
-    return Figure([data], layout, "Smallest detectable size of each effect; the table below has the numbers", 60 + 20 * len(rows), fixed=True)
+    return Figure(
+        [data],
+        layout,
+        "Smallest detectable size of each effect; the table below has the numbers",
+        60 + 20 * len(rows),
+        fixed=True,
+    )
 
 
 # ---------------------------------------------------------------- the evidence
@@ -214,7 +262,9 @@ def _try_it(page: Page, result: Diagnosis) -> str:
     return (
         "<p>Switch an effect off and see which measurements need it. Every combination was fitted beforehand: "
         "its parameters, η and γ and the initial states are the best it can do.</p>"
-        + explorer(page, runs, result.noise, result.effects, variants, worst, ("without any effect", "with the effects chosen"))
+        + explorer(
+            page, runs, result.noise, result.effects, variants, worst, ("without any effect", "with the effects chosen")
+        )
     )
 
 
@@ -235,7 +285,9 @@ def _open(result: Diagnosis) -> str:
     parts = []
     for effect, rivals in result.indistinguishable.items():
         names = listed([f"<strong>{text(effect_name(r))}</strong>" for r in rivals], "or")
-        parts.append(f"<p>Instead of <strong>{text(effect_name(effect))}</strong> it could be {names}: after refitting, these data fit both.</p>")
+        parts.append(
+            f"<p>Instead of <strong>{text(effect_name(effect))}</strong> it could be {names}: after refitting, these data fit both.</p>"
+        )
     if result.next_experiment:
         parts.append(f'<div class="box"><strong>Next experiment.</strong> {text(result.next_experiment)}</div>')
     return "".join(parts)
@@ -251,11 +303,26 @@ def _unexplained(result: Diagnosis) -> str:
 def _rivals(result: Diagnosis) -> str:
     rows = []
     for c in result.candidates:
-        sizes = "<br>".join(f"{text(_symbol(n))} = {text(sized(v, s, _unit(result, n)))}" for n, (v, s) in c.sizes.items()) or "–"
-        style = "good-word" if c.name in result.effects else "warn-word" if any(c.name in r for r in result.indistinguishable.values()) else ""
+        sizes = (
+            "<br>".join(f"{text(_symbol(n))} = {text(sized(v, s, _unit(result, n)))}" for n, (v, s) in c.sizes.items())
+            or "–"
+        )
+        style = (
+            "good-word"
+            if c.name in result.effects
+            else "warn-word"
+            if any(c.name in r for r in result.indistinguishable.values())
+            else ""
+        )
         judged = f'<span class="{style}">{text(c.words)}</span>' if style else text(c.words)
         rows.append(
-            [f"{text(effect_name(c.name))}<br><span class='soft'>{text(_summary(result, c.name))}</span>", judged, number(c.delta_chi2, 4), ratio(c.heldout_nrmse), sizes]
+            [
+                f"{text(effect_name(c.name))}<br><span class='soft'>{text(_summary(result, c.name))}</span>",
+                judged,
+                number(c.delta_chi2, 4),
+                ratio(c.heldout_nrmse),
+                sizes,
+            ]
         )
     header = ["Effect", "Verdict", "Fall in χ²", "Error, runs left out", "Fitted size"]
     caption = (
@@ -275,7 +342,11 @@ def _where(page: Page, result: Diagnosis) -> str:
             "type": "bar", "x": [e.label for e in rows], "y": [e.delta_chi2 for e in rows], "marker": {"color": "@after"},
             "hovertemplate": "%{x}: %{y:.4g}<extra></extra>",
         }  # fmt: skip
-        layout = {"xaxis": {"type": "category", "title": by}, "yaxis": {"title": "fall in χ²"}, "margin": {"l": 8, "r": 8, "t": 10, "b": 8}}
+        layout = {
+            "xaxis": {"type": "category", "title": by},
+            "yaxis": {"title": "fall in χ²"},
+            "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
+        }
         figures.append(page.figure(Figure([data], layout, f"Fall in chi squared by {by}", 250)))
     return (
         "<p>By how much the misfit falls where: an effect that only one run or one stretch asks for is less certain than one all ask for.</p>"
@@ -293,19 +364,31 @@ def _before_and_after(page: Page, result: Diagnosis) -> str:
         for c in channels:
             b = result.errors[before][i].get(c)
             a = result.errors[after][i].get(c)
-            cells.append("–" if b is None else ratio(b) if before == after else f"{ratio(b)} → <strong>{ratio(a)}</strong>")
+            cells.append(
+                "–" if b is None else ratio(b) if before == after else f"{ratio(b)} → <strong>{ratio(a)}</strong>"
+            )
         rows.append([text(run.name), text(_about(run)), *cells])
-    caption = "Error over noise per run and channel, refitted without and with what was found." if before != after else "Error over noise per run and channel."
+    caption = (
+        "Error over noise per run and channel, refitted without and with what was found."
+        if before != after
+        else "Error over noise per run and channel."
+    )
     return table(["Run", "Drive", *(text(title(c)) for c in channels)], rows, caption, words=2)
 
 
 def _detectable(result: Diagnosis) -> str:
     rows = [
-        [f"{text(effect_name(d.name))}<br><span class='soft'>{text(_summary(result, d.name))}</span>", text(d.parameter), f"{number(d.size, 3)} {text(d.unit)}", f"{number(d.typical, 3)} {text(d.unit)}"]
+        [
+            f"{text(effect_name(d.name))}<br><span class='soft'>{text(_summary(result, d.name))}</span>",
+            text(d.parameter),
+            f"{number(d.size, 3)} {text(d.unit)}",
+            f"{number(d.typical, 3)} {text(d.unit)}",
+        ]
         for d in sorted(result.detectable, key=lambda d: d.size / d.typical if d.typical else math.inf)
     ]
-    return "<p>Had one of these been there at this size, these data would have shown it (nineteen times in twenty). What is smaller may be there unseen.</p>" + table(
-        ["Effect", "Parameter", "Would have shown", "A size that matters"], rows, words=2
+    return (
+        "<p>Had one of these been there at this size, these data would have shown it (nineteen times in twenty). What is smaller may be there unseen.</p>"
+        + table(["Effect", "Parameter", "Would have shown", "A size that matters"], rows, words=2)
     )
 
 
@@ -319,7 +402,8 @@ def _model(result: Diagnosis) -> str:
     return (
         table(["Parameter", "Value ± standard deviation", "Meaning"], rows, last_words=True)
         + "<p>The improved model is in <code>model.yaml</code>: <code>inductrack compare --model model.yaml</code> reads it, and the simulator node with "
-        f"<code>--params-file model.yaml</code>.</p><p class='soft'>Noise: {noise}.</p>" + folded("Tests of what is left", tests)
+        f"<code>--params-file model.yaml</code>.</p><p class='soft'>Noise: {noise}.</p>"
+        + folded("Tests of what is left", tests)
     )
 
 

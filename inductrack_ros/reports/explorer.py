@@ -52,7 +52,8 @@ def explorer(
         "explorer",
         {
             "runs": [
-                {"name": r.name, "about": r.about, "channels": {c: _trace(c, t) for c, t in r.traces.items()}} for r in runs
+                {"name": r.name, "about": r.about, "channels": {c: _trace(c, t) for c, t in r.traces.items()}}
+                for r in runs
             ],
             "channels": {
                 c: {"title": title(c), "unit": shown(c)[1], "noise": noise[c] * shown(c)[0]} for c in channels
@@ -63,10 +64,14 @@ def explorer(
             "start": {"run": start[0] if start else runs[0].name, "channel": start[1] if start else channels[0]},
         },
     )
-    options = "".join(f'<option value="{i}">{text(r.name)}{f" · {text(r.about)}" if r.about else ""}</option>' for i, r in enumerate(runs))
+    options = "".join(
+        f'<option value="{i}">{text(r.name)}{f" · {text(r.about)}" if r.about else ""}</option>'
+        for i, r in enumerate(runs)
+    )
     choices = "".join(f'<option value="{c}">{text(title(c))}</option>' for c in channels)
     switches = "".join(
-        f'<label><input type="checkbox" data-effect="{i}" checked> {text(effect_name(e))}</label>' for i, e in enumerate(effects)
+        f'<label><input type="checkbox" data-effect="{i}" checked> {text(effect_name(e))}</label>'
+        for i, e in enumerate(effects)
     )
     switches = f"<fieldset><legend>Effects added</legend>{switches}</fieldset>" if effects else ""
     thinned = max((len(t.times) for r in runs for t in r.traces.values()), default=0) > MOST
@@ -88,4 +93,3 @@ def _trace(channel: str, trace: Trace) -> dict[str, object]:
         "p": [packed(p[keep] * factor) for p in trace.predicted],
         "e": [float(e) for e in trace.errors],
     }
-

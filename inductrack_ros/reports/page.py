@@ -139,7 +139,8 @@ def table(
     align = [' class="word"' if i in left else "" for i in range(len(header))]
     head = "".join(f'<th scope="col"{a}>{cell}</th>' for a, cell in zip(align, header, strict=True))
     body = "".join(
-        "<tr>" + "".join(_cell(i, a, cell) for i, (a, cell) in enumerate(zip(align, row, strict=True))) + "</tr>" for row in rows
+        "<tr>" + "".join(_cell(i, a, cell) for i, (a, cell) in enumerate(zip(align, row, strict=True))) + "</tr>"
+        for row in rows
     )
     about = f"<caption>{caption}</caption>" if caption else ""
     return f'<div class="scroll" tabindex="0" role="region" aria-label="table"><table>{about}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
