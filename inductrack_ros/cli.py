@@ -73,7 +73,7 @@ class _Parser(argparse.ArgumentParser):
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="inductrack",
-        description="Simulate the Inductrack maglev cradle of Kim and Ge (2012), and find out what a model of it misses.",
+        description="Simulate the Inductrack maglev cradle of Kim and Ge (2012); find out what a model of it misses.",
         epilog="inductrack COMMAND -h says more about each.",
         allow_abbrev=False,
     )
@@ -133,7 +133,7 @@ def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
 def output_folder(given: str, apart_from: Path) -> Iterator[Path]:
     """A new folder to write into, whose files stand in ``given`` once all are written and not before.
 
-    ``apart_from`` is a folder that results must not be mixed into. Raises `InputError` where ``given`` cannot be written.
+    Results are not mixed into the folder ``apart_from``. Raises `InputError` where ``given`` cannot be written.
     """
     target = Path(given)
     if target.resolve() == apart_from.resolve():
@@ -172,7 +172,7 @@ def _simulate_arguments(parser: argparse.ArgumentParser) -> None:
         "--initial",
         metavar="NAME=VALUE,…",
         default=LAUNCH,
-        help=f"initial state, SI; heave is the equilibrium's at that speed unless given, the rest 0 (default: {LAUNCH})",
+        help=f"initial state, SI; heave: the equilibrium at that speed unless given, the rest 0 (default: {LAUNCH})",
     )
     parser.add_argument("--duration", metavar="S", type=float, default=3.0, help="seconds to simulate (default: 3)")
     parser.add_argument("--rate", metavar="HZ", type=float, default=500.0, help="samples a second (default: 500)")
@@ -195,10 +195,9 @@ def _simulate(arguments: argparse.Namespace) -> None:
         raise InputError(f"--duration {arguments.duration:g}: must be above 0 s")
     if not (math.isfinite(arguments.rate) and arguments.rate > 0):
         raise InputError(f"--rate {arguments.rate:g}: must be above 0 Hz")
-    if arguments.duration * arguments.rate > MOST_SAMPLES:
-        raise InputError(
-            f"--duration × --rate is {arguments.duration * arguments.rate:g} samples; at most {MOST_SAMPLES} are written"
-        )
+    samples = arguments.duration * arguments.rate
+    if samples > MOST_SAMPLES:
+        raise InputError(f"--duration × --rate is {samples:g} samples; at most {MOST_SAMPLES} are written")
     output = Path(arguments.output)
     is_csv = output.suffix.lower() == ".csv"
     if os.path.lexists(output) and (output.is_dir() if is_csv else True):
@@ -233,8 +232,8 @@ def _simulate(arguments: argparse.Namespace) -> None:
     else:
         write_bag(output, times, columns)
     print(
-        f"{output}: {len(times)} samples, {times[-1]:g} s; at the end {run['surge'][-1]:.3f} m, {run['surge_rate'][-1]:.3f} m/s, "
-        f"top gap {1e3 * run['gap_top'][-1]:.2f} mm"
+        f"{output}: {len(times)} samples, {times[-1]:g} s; at the end {run['surge'][-1]:.3f} m, "
+        f"{run['surge_rate'][-1]:.3f} m/s, top gap {1e3 * run['gap_top'][-1]:.2f} mm"
     )
 
 

@@ -6,21 +6,21 @@ Nothing is fitted but the initial states that the campaign does not give. ``comp
     {"campaign": "rig-2026-10",
      "model": {"effects": ["aerodynamic_drag"], "parameters": {"eta": 0.7295, …}},
      "noise_std": {"heave": {"value": 3e-05, "given": true}, …},
-     "error_over_noise": 41.2,                 // RMS of (measured − predicted) / noise over all samples; 1 is a perfect model
+     "error_over_noise": 41.2,       // RMS of (measured − predicted) / noise over all samples; 1 is a perfect model
      "channels": {"heave": 12.0, …},           // the same per channel
      "runs": [{"name": "run_00", "file": "run_00.csv", "drive_current": 7000.0, "duration": 1.5, "samples": 751,
                "error_over_noise": 50.1, "channels": {"heave": 13.1, …},
                "rmse": {"heave": 3.9e-4, …},                     // in the channel's unit
-               "holds_for": 0.31,               // s until the error leaves the noise (RMS over 20 samples above 3 noise); null: it never does
+               "holds_for": 0.31,   // s until the error (RMS over 20 samples) exceeds 3 noises; null: it never does
                "initial_state": {"surge": 0.0, …}, "estimated": ["surge_rate", …],
                "predicted": "run_00.predicted.csv"}, …],
      "stretches": [{"by": "speed", "unit": "m/s", "low": 15.0, "high": 20.0, "samples": 3000,
                     "error_over_noise": 60.2, "channels": {"heave": 14.0, …},
-                    "restarted": 1.4,                  // the same when every 0.2 s starts afresh: what goes wrong here, not before
+                    "restarted": 1.4,     // when every 0.2 s starts afresh: what goes wrong here, not before
                     "restarted_channels": {"heave": 1.6, …}}, …]}
 
-``by`` is ``speed`` (m/s), ``gap`` (top gap, m), ``place`` (surge, m), ``contact`` (low 1: an array touches; low 0: none),
-taken from the measurements where they show it. A number that is not finite is null.
+``by`` is ``speed`` (m/s), ``gap`` (top gap, m), ``place`` (surge, m) or ``contact`` (low 1: an array touches; low 0:
+none), taken from the measurements where they show it. A number that is not finite is null.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from .estimation.structure import Structure
 FEWEST = 30
 #: The prediction holds until the RMS of this many samples exceeds this many times the noise.
 HOLDS_SAMPLES, HOLDS_LIMIT = 20, 3.0
-#: Horizons (s) over which an initial state is fitted before the whole run, as long as χ² per sample stays below `FOLLOWS`.
+#: Horizons (s) over which an initial state is fitted before the whole run, while χ² per sample stays below `FOLLOWS`.
 HORIZONS, FOLLOWS = (0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0), 2.0
 #: Length (s) of the stretches that start afresh, and the fewest samples of each channel in one.
 WINDOW, FEWEST_IN_WINDOW = 0.2, 12
@@ -63,7 +63,8 @@ KINDS = (("speed", "m/s", 8), ("gap", "m", 8), ("place", "m", 14), ("contact", "
 class RunComparison:
     """One run and its prediction.
 
-    predicted: (n, c) as ``run.values``, given at every time;  sigmas: (n, c) (measured − predicted) / noise, NaN where not measured
+    predicted: (n, c) as ``run.values``, given at every time
+    sigmas: (n, c) (measured − predicted) / noise, NaN where not measured
     restarted: (n, c) the same where every window starts from a state fitted to it
     conditions: speed, gap, place, contact, each (n,)
     """
@@ -110,7 +111,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What `compare` found; ``noise`` by channel in SI, ``noise_given`` the channels whose noise the campaign states."""
+    """What `compare` found; ``noise`` by channel in SI, ``noise_given`` the channels whose noise was stated."""
 
     campaign: Campaign
     model: Model
@@ -289,7 +290,7 @@ def _continued(times: Array, predicted: Array) -> Array:
 
 
 def _sigmas(run: Run, predicted: Array, outputs: Array, sigma: Mapping[str, float]) -> Array:
-    """(measured − predicted) / noise; NaN where not measured or not predictable, infinite once the simulation has left all bounds."""
+    """(measured − predicted) / noise; NaN where there is nothing to compare, infinite once the simulation is lost."""
     difference = (run.values - predicted) / np.array([sigma[c] for c in run.channels])
     lost = np.isnan(outputs[-1]).any() & np.isnan(predicted) & (np.cumsum(np.isfinite(predicted), axis=0) > 0)
     return np.where(run.measured & lost, np.inf, difference)
@@ -354,7 +355,7 @@ def _holds_for(run: Run, sigmas: Array) -> float | None:
 
 
 def _conditions(run: Run, outputs: Array, model: Model, sigma: Mapping[str, float]) -> dict[str, Array]:
-    """Under which conditions each sample was taken, from the measurements where they show it, else from simulated outputs (n, 15)."""
+    """Under which conditions each sample was taken: as measured where that was, else from simulated outputs (n, 15)."""
     simulated = dict(zip(OUTPUTS, outputs.T, strict=True))
 
     def best(channel: str, instead: Array) -> Array:
@@ -472,7 +473,7 @@ def _first_noise(campaign: Campaign) -> dict[str, float]:
 
 
 def _resolution(campaign: Campaign, channel: str) -> float:
-    """Standard deviation of a channel's rounding, 0 where readings hardly repeat: a sensor is no better than its steps."""
+    """Standard deviation of a channel's rounding: a sensor is no better than its steps; 0 where none show."""
     steps = []
     for run in campaign.runs:
         if channel in run.channels:

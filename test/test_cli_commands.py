@@ -48,7 +48,10 @@ def test_help_says_what_to_give(capsys, arguments):
 
 
 def test_help_needs_no_compiler():
-    code = "import sys; from inductrack_ros import cli\ntry: cli.main(['compare', '-h'])\nexcept SystemExit: pass\nassert 'numba' not in sys.modules"
+    code = (
+        "import sys; from inductrack_ros import cli\n"
+        "try: cli.main(['compare', '-h'])\nexcept SystemExit: pass\nassert 'numba' not in sys.modules"
+    )
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
 
 

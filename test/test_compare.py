@@ -1,4 +1,4 @@
-"""Comparison of a model with measurements: a right model comes out at the noise, a wrong one is shown where it is wrong."""
+"""Comparison of a model with measurements: a right one is at the noise, a wrong one is shown where it is wrong."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_a_patch_on_the_track_shows_at_its_place_when_restarted(tmp_path):
     bump = tmp_path / "bump.py"
     bump.write_text(
         "import math\nfrom inductrack_ros.core.effects import Parameter, effect\n"
-        "@effect(adds='force_heave', parameters={'size': Parameter(20.0, 'N', 0.0, 100.0, 'pull of the patch', 'test')})\n"
+        "@effect(adds='force_heave', parameters={'size': Parameter(20.0, 'N', 0.0, 100.0, 'pull', 'test')})\n"
         "def patch(surge, size):\n"
         "    '''A magnetised patch 5 m along the track.'''\n"
         "    return -size * math.exp(-((surge - 5.0) / 0.4) ** 2)\n"

@@ -1,4 +1,4 @@
-"""Reports in a real browser: no script error, plots drawn, the reader's choices followed. Skipped where there is none."""
+"""Reports in a real browser: no script error, plots drawn, choices followed. Skipped where there is no browser."""
 
 from __future__ import annotations
 
@@ -74,7 +74,8 @@ def test_every_plot_is_drawn_and_follows_the_choice(report, tmp_path):
         seen.plots = document.querySelectorAll(".plot").length;
         seen.drawn = document.querySelectorAll(".plot > .plot-container .main-svg").length;
         const plot = document.getElementById("explorer-traces"), run = document.getElementById("explorer-run");
-        const channel = document.getElementById("explorer-channel"), sentence = document.getElementById("explorer-sentence");
+        const channel = document.getElementById("explorer-channel");
+        const sentence = document.getElementById("explorer-sentence");
         const chosen = () => [sentence.textContent, plot.layout.yaxis.title.text];
         seen.first = chosen();
         run.value = "1"; channel.value = "heave";
@@ -95,7 +96,10 @@ def test_plots_zoom_by_keyboard(report, tmp_path):
         """
         const plot = document.getElementById("explorer-traces");
         plot.focus();
-        const press = async (key) => { plot.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true })); await pause(); };
+        const press = async (key) => {
+          plot.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+          await pause();
+        };
         const range = () => [...plot._fullLayout.xaxis.range];
         seen.all = range();
         await press("+"); seen.near = range();

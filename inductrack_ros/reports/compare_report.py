@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from ..compare import AT_REST, HOLDS_LIMIT, WINDOW, Comparison, RunComparison, Stretch
+from ..compare import AT_REST, HOLDS_LIMIT, HOLDS_SAMPLES, WINDOW, Comparison, RunComparison, Stretch
 from ..core.state import STATES
 from .explorer import RunTraces, Trace, explorer
 from .page import Figure, Page, folded, table, text
 from .words import effect_name, in_channel, listed, number, ratio, shown, title
 
-#: Up to here the error is the noise's, give or take what estimated noise and chance do; above the second the model is plainly off.
+#: Up to here the error is the noise's, give or take chance and estimated noise; above the second the model is off.
 NOISE_ALONE, PLAINLY = 1.1, 3.0
 #: A stretch stands out when its restarted error exceeds the campaign's by this factor.
 STANDS_OUT = 1.25
@@ -63,7 +63,8 @@ def verdict(result: Comparison) -> str:
         return f"The model predicts {runs} to within the sensors' noise."
     if math.isinf(result.error):
         lost = [r.run.name for r in result.runs if math.isinf(r.error)]
-        return f"The model loses {listed(lost[:3])}{' and others' if len(lost) > 3 else ''}: the simulation leaves all bounds."
+        named = listed(lost[:3]) + (" and others" if len(lost) > 3 else "")
+        return f"The model loses {named}: the simulation leaves all bounds."
     worst = result.worst_channel
     miss = result.errors[worst]
     size = f"{in_channel(worst, miss * result.noise[worst], 2)}, {ratio(miss)} times the sensor's noise"
@@ -189,9 +190,10 @@ def _where(page: Page, result: Comparison) -> str:
         if len(of_kind := [s for s in result.stretches if s.by == by]) > 1
     )
     meaning = (
-        f"<p><span class='bad-word'>Open loop</span> an error stays once it is made. <strong>Restarted</strong> every {WINDOW:g} s from a state "
-        "fitted to that window, only what goes wrong there and then is left: it points at the place, the speed or the touch where the model "
-        "fails. An error that is small everywhere and only adds up (a little drag) shows in the open loop alone.</p>"
+        f"<p><span class='bad-word'>Open loop</span> an error stays once it is made. <strong>Restarted</strong> every "
+        f"{WINDOW:g} s from a state fitted to that window, only what goes wrong there and then is left: it points at "
+        "the place, the speed or the touch where the model fails. An error that is small everywhere and only adds up "
+        "(a little drag) shows in the open loop alone.</p>"
         if restarted
         else "<p>Open loop: an error stays once it is made.</p>"
     )
@@ -300,7 +302,10 @@ def _runs(result: Comparison) -> str:
             ]
         )
     header = ["Run", "Start, drive", "Length", "All", *(text(title(c)) for c in channels), "Holds for"]
-    caption = f"RMS error over noise, in brackets in its own unit. A prediction holds until its RMS error over 20 samples exceeds {HOLDS_LIMIT:g} × noise."
+    caption = (
+        "RMS error over noise, in brackets in its own unit. A prediction holds until its RMS error over "
+        f"{HOLDS_SAMPLES} samples exceeds {HOLDS_LIMIT:g} × noise."
+    )
     return table(header, rows, caption, words=2)
 
 
@@ -325,7 +330,7 @@ def _basis(result: Comparison) -> str:
             ]
             for r in result.runs
         ],
-        "* given; the others are fitted to as much of the run's beginning as the model follows. Nothing else was fitted.",
+        "* given; the others are fitted to as much of the run's beginning as the model follows; nothing else is.",
     )
     parameters = table(
         ["Parameter", "Value"],
@@ -336,7 +341,8 @@ def _basis(result: Comparison) -> str:
     )
     return (
         noise
-        + f"<p class='soft'>Speed, gap, place and contact are the measured ones where they were measured, else predicted. {contact}</p>"
+        + "<p class='soft'>Speed, gap, place and contact are as measured where they were measured, else as predicted. "
+        + f"{contact}</p>"
         + folded("Initial states", states)
         + folded("Parameters of the model", parameters)
     )

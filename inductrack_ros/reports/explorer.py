@@ -1,4 +1,4 @@
-"""Traces the reader can choose: a run, a channel, and which effects are on. Every combination was predicted beforehand."""
+"""Traces the reader can choose: a run, a channel, which effects are on. Every combination was predicted beforehand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST = 1500
 
 @dataclass(frozen=True)
 class Trace:
-    """One channel of one run: times, measured values and a prediction per variant, all (m,), SI; ``errors`` over noise per variant."""
+    """One channel of one run: times, measured, a prediction per variant, all (m,), SI; error over noise per variant."""
 
     times: Array
     measured: Array
@@ -45,7 +45,11 @@ def explorer(
     start: tuple[str, str] | None = None,
     words: tuple[str, str] = ("this model", "with the effects chosen"),
 ) -> str:
-    """HTML of the explorer. ``variants`` are the subsets of ``effects`` that were predicted, the first of them none; ``start`` is a run and a channel."""
+    """HTML of the explorer.
+
+    ``variants`` are the subsets of ``effects`` that were predicted, the first of them none; ``start`` is the run and
+    the channel shown first; ``words`` name the first variant and the chosen one.
+    """
     channels = [c for c in noise if any(c in r.traces for r in runs)]
     page.script(
         "explorer.js",
@@ -76,12 +80,22 @@ def explorer(
     switches = f"<fieldset><legend>Effects added</legend>{switches}</fieldset>" if effects else ""
     thinned = max((len(t.times) for r in runs for t in r.traces.values()), default=0) > MOST
     note = "Long runs are drawn with every second, third, … sample. " if thinned else ""
-    return f"""<div class="controls" id="explorer-controls"><label>Run <select id="explorer-run">{options}</select></label>
-<label>Channel <select id="explorer-channel">{choices}</select></label>{switches}</div>
+    return f"""<div class="controls" id="explorer-controls">
+<label>Run <select id="explorer-run">{options}</select></label>
+<label>Channel <select id="explorer-channel">{choices}</select></label>
+{switches}</div>
 <p id="explorer-sentence" aria-live="polite"></p>
-<figure><div class="plot" id="explorer-traces" tabindex="0" role="img" aria-label="Measured and predicted values of the chosen run over time, and their difference over noise" style="height:460px"></div>
-<figcaption>Above, dots are measured, lines predicted from the run's initial state, open loop to its end. Below, measured minus predicted over the sensor's noise; the band is ±2. {note}</figcaption></figure>
-<figure><div class="plot" id="explorer-errors" tabindex="0" role="img" aria-label="Error over noise of each channel of the chosen run" style="height:{110 + 34 * len(channels)}px"></div></figure>"""
+{_plot("explorer-traces", "Measured and predicted values of the chosen run over time, and the error over noise", 460)}
+<p class="caption">Above, dots are measured, lines predicted from the run's initial state, open loop to its end. Below,
+measured minus predicted over the sensor's noise; the band is ±2. {note}</p>
+{_plot("explorer-errors", "Error over noise of each channel of the chosen run", 110 + 34 * len(channels))}"""
+
+
+def _plot(name: str, label: str, height: int) -> str:
+    return (
+        f'<figure><div class="plot" id="{name}" tabindex="0" role="img" aria-label="{label}" '
+        f'style="height:{height}px"></div></figure>'
+    )
 
 
 def _trace(channel: str, trace: Trace) -> dict[str, object]:

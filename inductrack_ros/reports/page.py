@@ -35,7 +35,7 @@ class Figure:
 
 @dataclass
 class Page:
-    """A report under construction. ``kind`` is the small line over the title, ``verdict`` one sentence, ``lead`` HTML under it."""
+    """A report under construction: ``kind`` and ``title`` over the ``verdict``, one sentence, and ``lead``, HTML."""
 
     title: str
     kind: str
@@ -106,7 +106,9 @@ class Page:
 <main id="evidence">
 {"".join(self._parts)}
 </main>
-<footer>{self.foot}<p class="hint">Drag in a plot to zoom, double-click to go back. Keyboard: Tab to a plot, then + − ← → and 0.</p></footer>
+<footer>{self.foot}
+<p class="hint">Drag in a plot to zoom, double-click to go back. Keyboard: Tab to a plot, then + − ← → and 0.</p>
+</footer>
 <noscript><p class="hint">The plots need JavaScript; the sentences and tables do not.</p></noscript>
 <script type="application/json" id="data">{embed(data)}</script>
 <script>{_plotly()}</script>
@@ -134,7 +136,7 @@ def packed(values: ArrayLike) -> dict[str, str]:
 def table(
     header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", words: int = 1, last_words: bool = False
 ) -> str:
-    """An HTML table; cells are HTML. The first ``words`` columns (and with ``last_words`` the last) are set left, numbers right."""
+    """An HTML table; cells are HTML. The first ``words`` columns are set left, with ``last_words`` the last one too."""
     left = {*range(words), *([len(header) - 1] if last_words else [])}
     align = [' class="word"' if i in left else "" for i in range(len(header))]
     head = "".join(f'<th scope="col"{a}>{cell}</th>' for a, cell in zip(align, header, strict=True))
@@ -143,7 +145,8 @@ def table(
         for row in rows
     )
     about = f"<caption>{caption}</caption>" if caption else ""
-    return f'<div class="scroll" tabindex="0" role="region" aria-label="table"><table>{about}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    inside = f"<table>{about}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="scroll" tabindex="0" role="region" aria-label="table">{inside}</div>'
 
 
 def folded(summary: str, html: str) -> str:
