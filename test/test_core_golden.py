@@ -74,3 +74,49 @@ def test_advance_in_small_pieces_is_the_same_path():
         worst = max(worst, *(abs(x[i] - golden[c][row]) for i, c in enumerate(COORDINATES)))
     assert golden["heave"][699] < -0.0099
     assert worst < 10e-6
+
+
+def test_a_brush_between_two_steps_is_not_missed():
+    """An array that touches for less than a step, a micrometre deep, and leaves again: found as with 5 µs steps."""
+    model = Model.create(dof=1)
+    times = np.arange(0, 0.4, 0.002)
+    touched = 0
+    for lower in np.linspace(0.0, 4e-6, 30):  # above the height from which it swings down to 0.01 µm off the track
+        start = np.array([0, 0, -0.0037204025912457735 + lower, 0, 12.0, 0, 0, 0])
+        run = model.simulate(times, start, 0.0)
+        fine = model.simulate(times, start, 0.0, longest_step=5e-6)
+        assert np.abs(run["heave"] - fine["heave"]).max() < 1e-7
+        touched += fine["gap_top"].min() < 0
+    assert touched > 3
+
+
+def wild(parameters=None, effects=(), speed=20.0, current=0.0, seconds=0.25):
+    """Largest difference (m, rad) of a run from the same in steps of 4 µs."""
+    model = Model.create(parameters, effects)
+    times = np.linspace(0, seconds, 26)
+    x = model.initial_state(surge_rate=speed)
+    x[1:4] += [1e-3, 5e-4, 2e-3]
+    x = model.with_effect_states(x[:8])
+    run, fine = (model.simulate(times, x, current, longest_step=s) for s in (1.0, 4e-6))
+    assert np.isfinite(run.outputs).all()
+    return np.abs(run.states[:, :4] - fine.states[:, :4]).max()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "speed"),
+    [
+        ({"peak_field": 3.0}, 20.0),  # lift thirty times the weight: the bounce is far faster than at the equilibrium
+        ({"mass": 0.1, "roll_inertia": 1e-3}, 20.0),
+        ({"contact_stiffness": 1e9}, 5.0),
+        ({"contact_damping": 1e6}, 5.0),
+        ({"roll_inertia": 1e-4}, 20.0),
+        ({"wavelength": 0.01, "inductance": 1.8e-8}, 20.0),
+    ],
+)
+def test_steps_suit_parameters_far_from_the_papers(parameters, speed):
+    assert wild(parameters, speed=speed) < 2e-6
+
+
+@pytest.mark.parametrize("speed", [40.0, 150.0])
+def test_steps_suit_the_coil_current(speed):
+    assert wild(effects=["coil_current_dynamics"], speed=speed) < 1e-8

@@ -61,6 +61,17 @@ def switches_contact(P, q, touching):
     return False
 
 
+def lowest_moment(h, P, touching, q, q_new):
+    """Where within a step of size h a gap grazes zero on its way down and up again (s); h where none does."""
+    for i in range(3):
+        down, up = q[3 + i], q_new[3 + i]
+        if down < 0.0 < up and not touching[i] and not touches(i, P, q_new):
+            moment = h * down / (down - up)
+            if q[i] + 0.5 * down * moment < 1e-7 and 1e-6 < moment < h - 1e-6:
+                return moment
+    return h
+
+
 def step_sizes(P, on, longest):
     """Longest free step and longest step in contact (s), from the stiffness of field and contact; longest travel (m)."""
     arm = P[MAGNET_SIDE_OFFSET] ** 2 + max(P[MAGNET_SIDE_HEIGHT] ** 2, P[MAGNET_TOP_HEIGHT] ** 2)
@@ -170,6 +181,11 @@ def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest,
                 continue
             if error < 0.03 and refine < 1.0:
                 refine *= 2.0
+
+            bottom = lowest_moment(h, P, touching, q, q_new)
+            if bottom < h:
+                h = bottom
+                step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage)
 
             turns = x[4] * x_new[4] < 0.0
             if turns or switches_contact(P, q_new, touching):

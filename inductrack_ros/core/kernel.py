@@ -208,7 +208,7 @@ def _fingerprint(function: Callable, seen: set[int]) -> str:
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
     constants = {name.upper(): column[name] for name in PARAMETERS}
     constants |= {"N_STATES": n_states, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
-    jitted = ["pulse_sum", "until_pulse_edge", "touches", "switches_contact", "step_sizes", "slope", "step", "sticks", "integrate"]
+    jitted = ["pulse_sum", "until_pulse_edge", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "sticks", "integrate"]
     text = inspect.getsource(integrator)
     options = "nogil=True, error_model='numpy'"
     for name in jitted:
