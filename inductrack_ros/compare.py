@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -50,7 +50,7 @@ FEWEST = 30
 #: The prediction holds until the RMS of this many samples exceeds this many times the noise.
 HOLDS_SAMPLES, HOLDS_LIMIT = 20, 3.0
 #: Horizons (s) over which an initial state is fitted before the whole run, while χ² per sample stays below `FOLLOWS`.
-HORIZONS, FOLLOWS = (0.15, 0.3, 0.6, 1.2, 2.4, 5.0, 10.0), 2.0
+HORIZONS, FOLLOWS = (0.15, 0.3, 0.6, 1.2, 2.4, 4.0, 6.0, 9.0, 14.0, 21.0), 2.0
 #: Length (s) of the stretches that start afresh, and the fewest samples of each channel in one.
 WINDOW, FEWEST_IN_WINDOW = 0.2, 12
 #: Slower than this (m/s) is at rest: noise is not a motion backwards.
@@ -159,23 +159,25 @@ def compare(campaign: Campaign, model: Model) -> Comparison:
         states = _initial_states(problem, structure)
     sigma = dict(zip(problem.channels, problem.sigma.tolist(), strict=True))
     everywhere = Problem(replace(campaign, runs=tuple(_filled(r) for r in campaign.runs)), model, sigma)
-    restarted = _restart(campaign, model, sigma)
+
+    simulated = [everywhere.simulate(structure, i, structure.start[None], x[None]) for i, x in enumerate(states)]
+    truth = [  # the simulated outputs (n, 15) at the run's samples
+        out[0][np.searchsorted(data.grid, data.run.times)] for out, data in zip(simulated, everywhere.runs, strict=True)
+    ]
+    restarted = _restart(campaign, model, sigma, truth)
 
     def one(i: int) -> RunComparison:
-        run, data = campaign.runs[i], problem.runs[i]
-        outputs = everywhere.simulate(structure, i, structure.start[None], states[i][None])
-        flat = everywhere.predict(structure, i, structure.start[None], outputs)[0]
-        predicted = flat.reshape(run.values.shape)
-        sigmas = _sigmas(run, predicted, outputs[0], sigma)
-        truth = outputs[0][np.searchsorted(everywhere.runs[i].grid, run.times)]
+        run = campaign.runs[i]
+        predicted = everywhere.predict(structure, i, structure.start[None], simulated[i])[0].reshape(run.values.shape)
+        sigmas = _sigmas(run, predicted, truth[i], sigma)
         return RunComparison(
             run,
             dict(zip(STATES, states[i].tolist(), strict=True)),
-            tuple(STATES[k] for k in data.free_states),
+            tuple(STATES[k] for k in problem.runs[i].free_states),
             _continued(run.times, predicted),
             sigmas,
             restarted[i],
-            _conditions(run, truth, model, sigma),
+            _conditions(run, truth[i], model, sigma),
             _holds_for(run, sigmas),
         )
 
@@ -256,14 +258,15 @@ def _initial_state(problem: Problem, structure: Structure, horizons: Sequence[fl
     """Initial state (8,) of the one run in ``problem``, fitted over as much of its beginning as the model follows.
 
     A right model so takes all of the run in; a wrong one starts where the cradle was instead of sharing its error out
-    over the run. ``tolerance`` is what a step must still gain in χ².
+    over the run. ``tolerance`` is what a step must still gain in χ² over the whole run.
     """
     (data,) = problem.runs
     states: Sequence[Array] = (data.guess,)
     if not data.free_states.size:
         return data.guess
     for horizon in [h for h in horizons if h < data.grid[-1]] + [math.inf]:
-        found = fit(problem, structure, states, iterations=12, until=horizon, tolerance=tolerance)
+        needed = tolerance if horizon == math.inf else 0.5
+        found = fit(problem, structure, states, iterations=12, until=horizon, tolerance=needed)
         per_sample = found.chi2 / max(int((data.time <= horizon).sum()), 1)
         if math.isfinite(per_sample) and (per_sample <= FOLLOWS or states[0] is data.guess):
             states = found.states
@@ -296,7 +299,7 @@ def _sigmas(run: Run, predicted: Array, outputs: Array, sigma: Mapping[str, floa
     return np.where(run.measured & lost, np.inf, difference)
 
 
-def _restart(campaign: Campaign, model: Model, sigma: Mapping[str, float]) -> list[Array | None]:
+def _restart(campaign: Campaign, model: Model, sigma: Mapping[str, float], truth: list[Array]) -> list[Array | None]:
     """Error over noise of each run, (n, c), where every `WINDOW` starts from a state fitted to it.
 
     An error that builds up slowly vanishes here; one that arises at a place, a speed or a touch stays, and stays there.
@@ -304,39 +307,36 @@ def _restart(campaign: Campaign, model: Model, sigma: Mapping[str, float]) -> li
     """
     if any({"time", "travel"} & set(model.known_effects[e.partition(":")[0]].arguments) for e in model.effects):
         return [None] * len(campaign.runs)
-    windows, where = [], []
-    for i, run in enumerate(campaign.runs):
-        number = np.floor(run.times / (run.duration + 1e-9) * max(round(run.duration / WINDOW), 1))
-        for k in np.unique(number):
-            rows = np.flatnonzero(number == k)
-            values = run.values[rows]
-            measured = ~np.isnan(values)
-            if measured.any(axis=1).sum() > 2 and (measured.sum(axis=0) >= FEWEST_IN_WINDOW).all():
-                start = run.times[rows[0]]
-                pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
-                windows.append(
-                    replace(
-                        run,
-                        times=run.times[rows] - start,
-                        values=values,
-                        stamps=run.stamps[rows],
-                        initial_state={},
-                        pulses=pulses,
-                    )
-                )
-                where.append((i, rows))
-    result: list[Array | None] = [np.full(run.values.shape, np.nan) for run in campaign.runs]
-    if not windows:
+    cut = [(i, rows, part) for i, run in enumerate(campaign.runs) for rows, part in _windows(run, truth[i])]
+    if not cut:
         return [None] * len(campaign.runs)
+    result: list[Array | None] = [np.full(run.values.shape, np.nan) for run in campaign.runs]
     structure = Structure(model, ())
-    problem = Problem(replace(campaign, runs=tuple(windows)), model, sigma)
+    problem = Problem(replace(campaign, runs=tuple(part for _, _, part in cut)), model, sigma)
     states = problem.for_runs(lambda k: _initial_state(problem.subset([k]), structure, (), 1.0))
     residuals = problem.residuals(structure, structure.start, states)
-    for (i, rows), window, residual in zip(where, windows, residuals, strict=True):
-        table = np.full(window.values.shape, np.nan)
-        table[window.measured] = residual
+    for (i, rows, part), residual in zip(cut, residuals, strict=True):
+        table = np.full(part.values.shape, np.nan)
+        table[part.measured] = residual
         result[i][rows] = table
     return result
+
+
+def _windows(run: Run, truth: Array) -> Iterator[tuple[NDArray[np.intp], Run]]:
+    """The run cut into stretches of about `WINDOW`: rows, and those as a run. A speed nobody measures is as simulated."""
+    number = np.floor(run.times / (run.duration + 1e-9) * max(round(run.duration / WINDOW), 1))
+    for k in np.unique(number):
+        rows = np.flatnonzero(number == k)
+        values, start, state = run.values[rows], run.times[rows[0]], truth[rows[0], :8]
+        seen = ~np.isnan(values)
+        if seen.sum(axis=0).max() < FEWEST_IN_WINDOW or not np.isfinite(state).all():
+            continue
+        moving = {c for c, any_ in zip(run.channels, seen.any(axis=0), strict=True) if any_}
+        held = () if moving & {"surge", "surge_rate"} else ("surge", "surge_rate")
+        known = {s: float(state[STATES.index(s)]) for s in held}
+        pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
+        part = {"times": run.times[rows] - start, "values": values, "stamps": run.stamps[rows]}
+        yield rows, replace(run, initial_state=known, pulses=pulses, **part)
 
 
 def _holds_for(run: Run, sigmas: Array) -> float | None:
