@@ -23,7 +23,7 @@ setup(
         (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "rosbags>=0.10.5", "plotly", "rich"],
+    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "rosbags>=0.11", "plotly", "rich"],
     extras_require={
         # ROS 2 Jazzy as PyPI wheels, for machines without a distribution; never installed over a sourced one.
         "ros": [
@@ -44,9 +44,9 @@ setup(
     entry_points={
         "console_scripts": [
             f"inductrack = {NAME}.cli:main",
-            f"sim = {NAME}.nodes.sim:main",
-            f"track_controller = {NAME}.nodes.track_controller:main",
-            f"record = {NAME}.nodes.record:main",
+            f"sim = {NAME}.nodes.start:sim",
+            f"track_controller = {NAME}.nodes.start:track_controller",
+            f"record = {NAME}.nodes.start:record",
         ],
     },
 )

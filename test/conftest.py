@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -39,10 +40,11 @@ def wait_until(condition: Callable[[], object], what: str, while_waiting: Callab
 class Process:
     """One node in a process of its own."""
 
-    def __init__(self, module: str, *args: str, folder: Path) -> None:
+    def __init__(self, what: str, *args: str, folder: Path) -> None:
         number = len(list(folder.glob("*.log")))
-        self._log = folder / f"{number:02d}_{module.rpartition('.')[2]}.log"
-        command = [sys.executable, module] if module.endswith(".py") else [sys.executable, "-m", module]
+        self._log = folder / f"{number:02d}_{Path(what).stem}.log"
+        script = Path(sys.executable).with_name(what)  # as a user starts it; a file of the test's own otherwise
+        command = [sys.executable, what] if what.endswith(".py") else [str(script)]
         with self._log.open("w") as log:
             self._process = subprocess.Popen([*command, *args], stdout=log, stderr=subprocess.STDOUT, cwd=folder)
 
@@ -53,6 +55,11 @@ class Process:
     @property
     def running(self) -> bool:
         return self._process.poll() is None
+
+    def minds_signals(self) -> bool:
+        """Whether it has a handler for SIGTERM (Linux tells in /proc)."""
+        caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{self._process.pid}/status").read_text())
+        return bool(int(caught.group(1), 16) >> (signal.SIGTERM - 1) & 1)
 
     def wait_for(self, text: str) -> None:
         wait_until(lambda: text in self.output or not self.running, f"{text!r} in the output")
@@ -93,10 +100,9 @@ class Ros:
         self._executor.add_node(self.node)
         self._processes: list[Process] = []
 
-    def start(self, module: str, *args: str) -> Process:
-        """Run `python -m inductrack_ros.nodes.<module>`, or a file."""
-        full = module if module.endswith(".py") else f"inductrack_ros.nodes.{module}"
-        process = Process(full, *args, folder=self.folder)
+    def start(self, what: str, *args: str) -> Process:
+        """Run the node of that name, or a Python file."""
+        process = Process(what, *args, folder=self.folder)
         self._processes.append(process)
         return process
 

@@ -211,8 +211,20 @@ def test_ctrl_c_twice_and_sigterm_end_a_node_quietly(ros, node):
         assert "Traceback" not in process.output and "Error" not in process.output, process.output
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_a_node_still_starts_is_quiet_too(ros, number):
+    for delay in (0.0, 0.5, 1.0):  # somewhere in the imports, or as the node comes up
+        process = ros.start("sim")
+        ros.wait(process.minds_signals, "the start of Python")
+        time.sleep(delay)
+        process.send(number)
+        assert process.wait() == 0
+        assert "Traceback" not in process.output, process.output
+
+
 def test_another_namespace(ros):
-    sim = ros.start("sim", "--ros-args", "-r", "__ns:=/rig2")
+    """And use_sim_time, which launch files set for all nodes alike: the simulator itself needs no /clock to run."""
+    sim = ros.start("sim", "--ros-args", "-r", "__ns:=/rig2", "-p", "use_sim_time:=true")
     poses = ros.listen(PoseStamped, "/rig2/pose")
     ros.wait(lambda: poses, "a pose under /rig2")
     assert sim.stop() == 0

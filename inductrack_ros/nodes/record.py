@@ -16,7 +16,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..core.errors import InputError
 from .bag import SegmentedBag
-from .runtime import NAMESPACE, run
+from .runtime import NAMESPACE, every, run
 
 QUEUE_DEPTH = 20000  # messages a topic may bring while one second is being written
 FLUSH_PERIOD = 0.5  # s; what `kill -9` can cost, with the second of grace the promise gives
@@ -35,8 +35,8 @@ class Recorder(Node):
         self._subscriptions_by_topic: dict[str, Subscription] = {}
         self.finished = False
         self._look_for_topics()
-        self.create_timer(LOOK_PERIOD, self._look_for_topics)
-        self.create_timer(FLUSH_PERIOD, self._flush)
+        every(self, LOOK_PERIOD, self._look_for_topics)
+        every(self, FLUSH_PERIOD, self._flush)
         self.get_logger().info(f"recording into {options.output}; Ctrl-C ends it")
 
     def _wanted(self, topic: str) -> bool:

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Callable
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ..core.errors import InputError
+from .start import STOP
 
 NAMESPACE = "inductrack"  # of every node, unless `--ros-args -r __ns:=/other` says otherwise
 
 
-class _Stop:
-    """Set by the first SIGINT or SIGTERM; later ones change nothing (a launched node gets Ctrl-C twice)."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
-
-    def _ask(self, *_: object) -> None:
-        self.asked = True
+def every(node: Node, seconds: float, callback: Callable[[], None]) -> None:
+    """A timer in real time, also for a node with use_sim_time."""
+    node.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
@@ -33,14 +27,15 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
 
     One thread and `spin_once`: in the PyPI wheels the multi-threaded executor starves a 1 kHz timer.
     """
-    stop = _Stop()
+    STOP.listen()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not stop.asked and not getattr(node, "finished", False):
+        STOP.running = True
+        while not STOP.asked and not getattr(node, "finished", False):
             executor.spin_once(timeout_sec=0.1)
         executor.remove_node(node)
         return int(getattr(node, "exit_status", 0))

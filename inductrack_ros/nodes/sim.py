@@ -21,7 +21,7 @@ from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
 from .parameters import MODEL_OPTIONS, Option, declare, given, plain, refuse_unknown
-from .runtime import NAMESPACE, run
+from .runtime import NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
 from .topics import DEPTH, SimulatorTopics, channels, nanoseconds_of, stamp_of
 
@@ -95,12 +95,12 @@ class SimNode(Node):
         if options["lockstep"]:
             self._expect_answer()
             self.create_subscription(UInt64MultiArray, "lockstep/done", self._take_answer, QoSProfile(depth=DEPTH))
-            self.create_timer(0.1, self._look_after_lockstep)
+            every(self, 0.1, self._look_after_lockstep)
         else:
-            self.create_timer(1.0 / options["rate"], self._wake)
+            every(self, 1.0 / options["rate"], self._wake)
         self._diagnostics = Diagnostics(self, "simulation")
         self._two_simulators = False
-        self.create_timer(PERIOD, self._diagnose)
+        every(self, PERIOD, self._diagnose)
         self._say_what_runs()
         self.finished = False
 
@@ -108,7 +108,7 @@ class SimNode(Node):
 
     def _restart_time(self) -> None:
         """Simulated time begins anew (start, reset)."""
-        self._zero = self.get_clock().now().nanoseconds if self._epoch is None else self._epoch
+        self._zero = time.time_ns() if self._epoch is None else self._epoch
         self._published = False  # the initial state, to begin with
         self._resume()
 

@@ -16,7 +16,7 @@ from .detectors import Photodiodes
 from .diagnostics import PERIOD, Diagnostics
 from .firing import FiringPlan, Motion, SpeedHold
 from .parameters import MODEL_OPTIONS, Option, declare, given, refuse_unknown
-from .runtime import NAMESPACE, run
+from .runtime import NAMESPACE, every, run
 from .topics import DEPTH, nanoseconds_of, pulse_message, stamp_of
 
 DECLARED = {
@@ -59,11 +59,11 @@ class TrackController(Node):
             self._done = self.create_publisher(UInt64MultiArray, "lockstep/done", QoSProfile(depth=DEPTH))
         # In lockstep every pose counts; else the newest does, and edges are interpolated between those that came.
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        every = QoSProfile(depth=DEPTH)
-        self.create_subscription(PoseStamped, "pose", self._take_pose, every if options["lockstep"] else newest)
+        qos = QoSProfile(depth=DEPTH) if options["lockstep"] else newest
+        self.create_subscription(PoseStamped, "pose", self._take_pose, qos)
         self.add_on_set_parameters_callback(self._change_parameters)
         self._diagnostics = Diagnostics(self, "firing")
-        self.create_timer(PERIOD, self._diagnose)
+        every(self, PERIOD, self._diagnose)
         asked = (
             f"{options['drive_current']:g} A" if options["mode"] == "current" else f"{options['target_speed']:g} m/s"
         )
