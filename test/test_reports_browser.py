@@ -9,6 +9,7 @@ import subprocess
 from html import unescape
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_compare import make_campaign
 
@@ -16,6 +17,8 @@ from inductrack_ros.compare import compare
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.reports.compare_report import compare_report
+from inductrack_ros.reports.explorer import RunTraces, Trace, explorer
+from inductrack_ros.reports.page import Page
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium or chrome in PATH: the reports are not opened")
@@ -159,3 +162,36 @@ def test_it_prints_to_paper(report, tmp_path):
     subprocess.run(command, capture_output=True, timeout=180, check=True)
     pages = len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes()))
     assert 2 <= pages <= 8
+
+
+def test_effects_switch_on_and_off(tmp_path):
+    times = np.linspace(0, 1, 50)
+    variants = [(), ("aerodynamic_drag",), ("sensor_delay:heave",), ("aerodynamic_drag", "sensor_delay:heave")]
+    predicted = [np.full(50, 1e-3 * k) for k in range(4)]
+    trace = Trace(times, np.full(50, 3e-3), predicted, [100.0, 66.0, 33.0, 0.0])
+    page = Page(title="t", kind="k", verdict="v")
+    runs = [RunTraces("<run>", "about", {"heave": trace})]
+    words = ("without any", "with those chosen")
+    page.section("Try it", explorer(page, runs, {"heave": 3e-5}, variants[-1], variants, words=words))
+    seen = open_page(
+        page.render(),
+        tmp_path,
+        """
+        const boxes = [...document.querySelectorAll("[data-effect]")], plot = document.getElementById("explorer-traces");
+        const bars = document.getElementById("explorer-errors"), sentence = document.getElementById("explorer-sentence");
+        const look = () => {
+          const [line, residual] = plot.data.slice(-2);
+          return [sentence.textContent, plot.data.length, line.y[0], Math.round(residual.y[0]), bars.data.length];
+        };
+        seen.names = boxes.map((box) => box.parentElement.textContent.trim());
+        seen.both = look();
+        boxes[0].focus(); boxes[0].click(); await pause(); seen.second = look();
+        boxes[1].click(); await pause(); seen.none = look();
+        boxes[0].click(); await pause(); seen.first = look();
+        """,
+    )
+    assert seen["names"] == ["aerodynamic drag", "sensor delay (heave)"]
+    assert seen["both"] == ["Heave of <run>: 100 × noise without any, 0.00 × noise with those chosen.", 5, 3, 0, 2]
+    assert seen["second"] == ["Heave of <run>: 100 × noise without any, 33.0 × noise with those chosen.", 5, 2, 33, 2]
+    assert seen["none"] == ["Heave of <run>: 100 × noise without any.", 3, 0, 100, 1]
+    assert seen["first"] == ["Heave of <run>: 100 × noise without any, 66.0 × noise with those chosen.", 5, 1, 67, 2]

@@ -108,6 +108,8 @@ def _outstanding(result: Comparison) -> str:
             continue
         worst = max(of_kind, key=lambda s: s.restarted or 0.0)
         others = [s.restarted or 0.0 for s in of_kind if s is not worst]
+        if by == "contact" and not worst.low:
+            continue  # free flight is where a run is anyway
         contrast = (worst.restarted or 0.0) / max(sum(others) / len(others), 1.0)
         if contrast > best * (1.1 if sentence else 1.0):
             channel = max(worst.restarted_errors, key=lambda c: worst.restarted_errors[c])

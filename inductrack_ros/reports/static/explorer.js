@@ -5,7 +5,7 @@
   const byId = (id) => document.getElementById(id);
   const runChoice = byId("explorer-run"), channelChoice = byId("explorer-channel");
   const boxes = [...document.querySelectorAll("[data-effect]")];
-  const number = (x) => (x === null ? "∞" : x < 10 ? x.toFixed(2) : x < 100 ? x.toFixed(1) : Math.round(x).toLocaleString("en"));
+  const number = (x) => (x === null ? "∞" : x < 10 ? x.toFixed(2) : x < 100 ? x.toFixed(1) : Math.round(x).toLocaleString("en").replaceAll(",", "\u202f"));
   const cache = new Map();
   const values = (packed) => {
     if (!cache.has(packed)) cache.set(packed, page.unpack(packed));
