@@ -21,6 +21,12 @@ from .misfits import Array, Misfit
 LEVEL = 0.95  # of every interval stated here
 #: Past this relative half width of an interval, or without an end to it, the answer is called a flat valley.
 FLAT = 0.25
+#: Profiles are followed to this relative distance from the best value; an interval that does not end there has no end.
+REACH = 1.0
+#: Residual where the model cannot be simulated.
+FAR = 1e9
+#: Residuals less likely than this under the stated noise alone are remarked upon.
+IMPLAUSIBLE = 1e-4
 
 
 # ---------------------------------------------------------------- fitting
@@ -58,6 +64,11 @@ class Fit:
         return self.covariance / np.outer(self.std, self.std)
 
     @property
+    def chance(self) -> float:
+        """Probability of residuals this large or larger from the stated noise alone; 1 where the noise was estimated."""
+        return float(stats.chi2.sf(self.misfit, self.degrees)) if self.noise_known and self.degrees > 0 else 1.0
+
+    @property
     def threshold(self) -> float:
         """By how much the misfit may rise inside the 95 % interval of one parameter (χ², or F where the noise was estimated)."""
         if self.noise_known:
@@ -78,11 +89,18 @@ class Identification:
         self.low = np.array([d.low for d in misfit.declared]) / self.unit
         self.high = np.array([d.high for d in misfit.declared]) / self.unit
         self.evaluations = 0
+        self._count: int | None = None
 
     def _residuals(self, u: Array) -> Array:
         self.evaluations += 1
-        r = self.misfit(u * self.unit)
-        return np.where(np.isfinite(r), r, 1e12)
+        try:
+            r = self.misfit(u * self.unit)
+        except InputError:  # values at which nothing flies; wrong input shows at the start already
+            if self._count is None:
+                raise
+            return np.full(self._count, FAR)
+        self._count = len(r)
+        return np.where(np.isfinite(r), r, FAR)
 
     def _least_squares(self, u: Array, precise: bool = True) -> tuple[Array, Array, Array]:
         """Minimise over all coordinates from u; returns u, the residuals (n,) and the Jacobian (n, p)."""
@@ -144,15 +162,15 @@ class Identification:
             other, r, j = self._least_squares(simplex)
             if r @ r < residuals @ residuals - 1e-4 * (r @ r + noise_floor):  # the simplex looked farther: another minimum
                 best, residuals, jacobian = other, r, j
-        degrees = len(residuals) - len(best)
+        degrees = len(residuals) - len(best) - self.misfit.nuisance
         if degrees < 0 or (degrees == 0 and not self.misfit.noise_known):
-            need = len(best) + (not self.misfit.noise_known)
+            need = len(best) + self.misfit.nuisance + (not self.misfit.noise_known)
             raise InputError(f"{len(residuals)} measurements cannot fix {len(best)} parameters; give at least {need}, or free fewer")
         noise = 1.0 if self.misfit.noise_known else math.sqrt(max(residuals @ residuals / degrees, 1e-300))
         normal = jacobian.T @ jacobian
         unit = np.outer(self.unit, self.unit)
         return Fit(
-            self.misfit.free, best * self.unit, jacobian / self.unit, np.linalg.pinv(normal, hermitian=True) * unit * noise**2, float(residuals @ residuals), noise,
+            self.misfit.free, best * self.unit, jacobian / self.unit, _inverse(normal) * unit * noise**2, float(residuals @ residuals), noise,
             degrees, self.misfit.noise_known, residuals, self.start,
             None if simplex is None else simplex * self.unit, counts,
         )  # fmt: skip
@@ -194,17 +212,19 @@ class Identification:
         return self.rise(fit, name, value)[0] <= fit.threshold
 
     def profile(self, fit: Fit, name: str, points: int = 7) -> Profile:
-        """Profile likelihood of one parameter, out to where it has left the 95 % interval on both sides, or to the parameter's range."""
+        """Profile likelihood of one parameter, out to where it has left the 95 % interval on both sides, or to `REACH`."""
         i = fit.free.index(name)
         declared = self.misfit.declared[i]
         centre, std = float(fit.values[i]), float(fit.std[i])
         std = std if 0 < std < abs(centre) else 0.05 * self.unit[i]
         limit = fit.threshold
+        reach = REACH * abs(centre) if centre else math.inf
+        lowest, highest = max(declared.low, centre - reach), min(declared.high, centre + reach)
         found = [(centre, 0.0, fit.values)]
         for sign in (-1.0, 1.0):
             last, rise, near, step = centre, 0.0, fit.values, 2.6 * std / points
             for _ in range(4 * points):
-                value = float(np.clip(last + sign * step, declared.low, declared.high))
+                value = float(np.clip(last + sign * step, lowest, highest))
                 if value == last:
                     break
                 rise, near = self.rise(fit, name, value, self._along(fit, i, near, value - last))
@@ -220,6 +240,13 @@ class Identification:
         others = np.array([f[2] for f in found])
         low, high = _crossing(values, rises, centre, limit, -1), _crossing(values, rises, centre, limit, 1)
         return Profile(name, centre, values, rises / (1.0 if fit.noise_known else fit.noise**2), others, limit / (1.0 if fit.noise_known else fit.noise**2), low, high)
+
+
+def _inverse(normal: Array) -> Array:
+    """Inverse of JᵀJ; a direction that the data do not show at all gets a variance that is huge, not none."""
+    curvature, axes = np.linalg.eigh(normal)
+    floor = max(curvature.max() * 1e-14, 1e-300)
+    return (axes / np.maximum(curvature, floor)) @ axes.T
 
 
 @dataclass(frozen=True)
@@ -298,16 +325,27 @@ def verdict(fit: Fit, profiles: Sequence[Profile]) -> str:
             for n, e in sorted(zip(fit.free, along.best_exponents, strict=True), key=lambda pair: -pair[1])
             if abs(e) >= 0.005
         )
-        combination = f"What they fix best is {named}, to {_percent(along.best_std)}."
+        combination = f"What they fix best is {named}, to {_percent(max(along.best_std, 1e-6))}."
+    if fit.chance < IMPLAUSIBLE:
+        combination += f" The residuals are {math.sqrt(fit.misfit / fit.degrees):.2g} times what the stated noise allows: the model misses something or the measurements contradict each other, and the intervals are too narrow."
     flat = [p for p in profiles if p.flat]
     if flat:
-        names = " and ".join(_SYMBOLS.get(p.name, p.name) for p in flat)
+        names = [_SYMBOLS.get(p.name, p.name) for p in flat]
+        names = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
         return f"The valley is flat: these data do not determine {names}. {combination}".strip()
-    widths = ", ".join(f"{_SYMBOLS.get(p.name, p.name)} to ±{_percent(0.5 * (p.high - p.low) / abs(p.best))}" for p in profiles if p.best)
+    widths = ", ".join(
+        f"{_SYMBOLS.get(p.name, p.name)} = {_rounded(p)}" + (f" ±{_percent(0.5 * (p.high - p.low) / abs(p.best))}" if p.best else "") for p in profiles
+    )
     tied = ""
     if len(fit.values) > 1 and (r := np.abs(fit.correlation - np.eye(len(fit.values))).max()) > 0.9:
         tied = f" They are tied to each other (correlation {r:.3f})."
     return f"These data determine {widths} (95 %).{tied} {combination}".strip()
+
+
+def _rounded(p: Profile) -> str:
+    """The best value to the digits that its interval leaves."""
+    half = 0.5 * (p.high - p.low)
+    return f"{p.best:.{int(np.clip(1 - math.floor(math.log10(half)), 0, 12))}f}" if 0 < half < math.inf else f"{p.best:.4g}"
 
 
 def _percent(x: float) -> str:

@@ -30,12 +30,14 @@ COLUMNS = ("initial_speed", "travel", "duration", "drive_current", "std")
 class Misfit(Protocol):
     """Residuals (n,) at the values (p,) of the parameters ``free``.
 
-    ``noise_known`` says whether residuals are over their standard deviation; where not, they share one that the fit estimates.
+    ``noise_known`` says whether residuals are over their standard deviation; where not, they share one that the fit estimates. ``nuisance``
+    counts what was fitted besides (initial states).
     """
 
     free: tuple[str, ...]
     declared: list[Parameter]
     noise_known: bool
+    nuisance: int
 
     def __call__(self, values: Sequence[float]) -> Array: ...
 
@@ -111,6 +113,8 @@ class TravelMisfit:
     ``std`` is the distances' standard deviation where the data state one; where they do not, residuals are in metres and the fit
     estimates their common size.
     """
+
+    nuisance = 0
 
     def __init__(self, model: Model, free: Sequence[str], travels: Travels):
         self.model, self.free, self.travels = model, tuple(free), travels
@@ -188,6 +192,7 @@ class SeriesMisfit:
             X = np.where(present[:, None], part.by_state, 0.0)
             prior = STATE_PRIOR[data.free_states] ** -2.0
             self._steps.append(np.linalg.solve(X.T @ X + np.diag(prior), X.T))
+        self.nuisance = sum(len(data.free_states) for data in self.problem.runs)
         self._base = [np.array(s) for s in self.found.states]
 
     def __call__(self, values: Sequence[float]) -> Array:
@@ -221,6 +226,7 @@ class JointMisfit:
     def __init__(self, parts: Sequence[Misfit]):
         self.parts = tuple(parts)
         self.free, self.declared = parts[0].free, parts[0].declared
+        self.nuisance = sum(p.nuisance for p in parts)
         if not all(p.noise_known for p in parts):
             raise InputError("distances beside time series need their standard deviation: a column std in the CSV, or --std")
         if any(p.free != self.free for p in parts):

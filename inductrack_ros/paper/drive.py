@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from ..core.model import Model, Pulses
 
@@ -81,8 +84,34 @@ def run_by_pulses(model: Model, speed: float, duration: float, delay: float = 0.
     return np.array(times), np.array(states)
 
 
-def travel_difference(model: Model, speed: float, duration: float = 1.0, delay: float = 0.0) -> float:
-    """Travel (m) by pulses minus travel by the averaged law after ``duration`` s from the equilibrium heave."""
-    times, states = run_by_pulses(model, speed, duration, delay)
-    averaged = model.simulate(np.array([0.0, times[-1]]), model.initial_state(surge_rate=speed))
-    return float(states[-1, 0] - averaged["surge"][-1])
+@dataclass(frozen=True)
+class FreeRun:
+    """Travel (m) in 1 s from ``speed`` (m/s): averaged, by pulses, and averaged with the effect `finite_pulse_width`."""
+
+    speed: float
+    averaged: float
+    by_pulses: float
+    corrected: float
+
+
+@dataclass(frozen=True)
+class DriveTest:
+    """Free runs, the speed (m/s) up to which the averaged law is within 1 %, and the mean thrust over it at some speeds."""
+
+    runs: list[FreeRun]
+    good_to: float
+    mean_at: dict[float, float]
+
+
+def drive_test(model: Model) -> DriveTest:
+    """The averaged drive against the pulses."""
+    runs = [_free_run(model, speed) for speed in (15.0, 15.5, 16.5, 20.0, 40.0)]
+    good_to = float(brentq(lambda v: float(closed_formula(model, v)) - 0.99, 1.0, 60.0))
+    return DriveTest(runs, good_to, {v: mean_ratio(model, v) for v in (15.5, 40.0, 80.0)})
+
+
+def _free_run(model: Model, speed: float) -> FreeRun:
+    times, states = run_by_pulses(model, speed, 1.0)
+    span = np.array([0.0, times[-1]])
+    travels = [m.simulate(span, m.initial_state(surge_rate=speed))["surge"][-1] for m in (model, model.with_changes(effects=["finite_pulse_width"]))]
+    return FreeRun(speed, float(travels[0]), float(states[-1, 0]), float(travels[1]))

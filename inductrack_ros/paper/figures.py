@@ -12,7 +12,7 @@ from ..reports.page import Figure, packed
 from ..reports.words import number
 from .claims import AGREES, CLOSE, Claims, Row
 from .drive import closed_formula, mean_ratio, thrust_in_time
-from .identification import FREE, Answer
+from .identification import Answer
 from .runs import SPEED_4, Runs, first_zero
 from .stability import Modes
 
@@ -41,7 +41,7 @@ def _at(x: float, words: str, colour: str = "@soft", axis: str = "x", up: float 
     shape = {"type": "line", "xref": axis, "yref": f"y{number_} domain", "x0": x, "x1": x, "y0": 0, "y1": 1, "line": {"color": colour, "width": 1, "dash": "dot"}}
     note = {
         "xref": axis, "yref": f"y{number_} domain", "x": x, "y": up, "text": words, "showarrow": False, "font": {"color": colour, "size": 12},
-        "xanchor": side, "yanchor": "top", "xshift": 4 if side == "left" else -4,
+        "xanchor": side, "yanchor": "top", "xshift": 4 if side == "left" else -4, "bgcolor": "@page", "borderpad": 1,
     }  # fmt: skip
     return shape, note
 
@@ -95,7 +95,7 @@ def figure_2(runs: Runs) -> Figure:
         _line(f["ratio"], f["drag"], "drag", ORANGE),
         _dots([x], [y], "largest drag", ORANGE, showlegend=False),
     ]
-    note = {"x": x, "y": y, "text": f"½ at ωL/R = {x:.2f}", "ax": 40, "ay": 30, "arrowcolor": "@soft"}
+    note = {"x": x, "y": y, "text": f"½ at ωL/R = {x:.2f}", "ax": 80, "ay": -14, "arrowcolor": "@soft"}
     layout = _layout("ωL/R", "force over largest lift", xaxis={"range": [0, 10]}, yaxis={"range": [0, 1.02]})
     return Figure(data, layout | {"annotations": [note]}, "Lift and drag over ωL/R")
 
@@ -116,13 +116,12 @@ def figure_5(runs: Runs) -> Figure:
     """Lift at 10 mm and equilibrium gap over speed."""
     f = runs.figure_5
     data = [
-        _line(f["speed"], f["lift"], "net lift at 10 mm gaps (N)", BLUE),
-        _line(f["speed"], np.full_like(f["speed"], runs.weight), "weight (N)", "@soft", width=1, dash="dash"),
-        _line(f["speed"], 1e3 * f["gap"], "gap that carries the weight (mm)", ORANGE, yaxis="y2"),
+        _line(f["speed"], f["lift"], "lift at 10 mm (N)", BLUE),
+        _line(f["speed"], 1e3 * f["gap"], "gap (mm)", ORANGE, yaxis="y2"),
     ]
-    mark = _at(runs.lowest_speed, f"carries from {runs.lowest_speed:.2f} m/s", up=0.12)
-    layout = _layout("speed (m/s)", "lift (N)", [mark], yaxis={"rangemode": "tozero", "title": {"text": "lift (N)"}})
-    layout["yaxis2"] = {"title": {"text": "gap (mm)"}, "overlaying": "y", "side": "right", "range": [0, 8], "showgrid": False}
+    mark = _at(runs.lowest_speed, f"carries the weight<br>from {runs.lowest_speed:.2f} m/s on", side="right")
+    layout = _layout("speed (m/s)", "net lift with all gaps at 10 mm (N)", [mark], yaxis={"rangemode": "tozero"})
+    layout["yaxis2"] = {"title": {"text": "gap that carries (mm)"}, "overlaying": "y", "tickmode": "auto", "side": "right", "range": [0, 8], "showgrid": False}
     return Figure(data, layout, "Lift and equilibrium gap over speed")
 
 
@@ -150,7 +149,7 @@ def figure_7(runs: Runs) -> tuple[Figure, Figure, Figure]:
         "Figure 7a: gap over time, touching at 1.19 s",
     )
     b_layout = _layout("time (s)", "travel (m)", [mark], yaxis={"rangemode": "tozero"})
-    b_layout["yaxis2"] = {"title": {"text": "speed (m/s)"}, "overlaying": "y", "side": "right", "rangemode": "tozero", "showgrid": False}
+    b_layout["yaxis2"] = {"title": {"text": "speed (m/s)"}, "overlaying": "y", "tickmode": "auto", "side": "right", "rangemode": "tozero", "showgrid": False}
     b = Figure(
         [_line(t, run["surge"][thin], "travel (m)", BLUE), _line(t, run["surge_rate"][thin], "speed (m/s)", ORANGE, yaxis="y2")],
         b_layout,
@@ -222,7 +221,7 @@ def stiffness(found: Sequence[Modes]) -> Figure:
         _line(speed, [m.roll_stiffness for m in found], "roll (N·m/rad)", PURPLE, yaxis="y2"),
     ]
     layout = _layout("speed (m/s)", "stiffness (N/mm)", yaxis={"range": [0, 30]})
-    layout["yaxis2"] = {"title": {"text": "roll (N·m/rad)"}, "overlaying": "y", "side": "right", "range": [0, 90], "showgrid": False}
+    layout["yaxis2"] = {"title": {"text": "roll (N·m/rad)"}, "overlaying": "y", "tickmode": "auto", "side": "right", "range": [0, 90], "showgrid": False}
     return Figure(data, layout, "Stiffness in heave, sway and roll over speed")
 
 
@@ -334,12 +333,9 @@ def answers(found: np.ndarray, truth: Sequence[float], one: Answer) -> Figure:
     return Figure(data, _layout("η", "γ", xaxis={"nticks": 5}), f"Answers of {len(found)} simulated identifications", 320)
 
 
-def distances(answer: Answer, free: Sequence[str] = FREE) -> Figure:
-    """Measured distances and what is left after the fit."""
-    t, std = answer.travels, answer.travels.std
-    scale = std if np.isfinite(std).all() else np.full(len(std), answer.fit.noise)
-    residual = answer.fit.residuals * (std if answer.fit.noise_known else 1.0)
-    bars = {"type": "data", "array": scale.tolist(), "color": BLUE}
-    data = [_dots(t.initial_speed, residual, "measured − fitted", BLUE, error_y=bars)]
+def distances(speed: np.ndarray, left: np.ndarray, std: np.ndarray) -> Figure:
+    """What is left of each distance after the fit (m), with its standard deviation."""
+    bars = {"type": "data", "array": std.tolist(), "color": BLUE}
+    data = [_dots(speed, left, "measured − fitted", BLUE, error_y=bars)]
     layout = _layout("initial speed (m/s)", "distance: measured − fitted (m)", showlegend=False)
     return Figure(data, layout, "Distances measured minus fitted, with their standard deviation", 300)

@@ -2,108 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from ..core.model import Model
 from ..core.parameters import PARAMETERS
-from ..reports.page import Page, folded, table, text
+from ..reports.page import Page, table, text
 from ..reports.words import number, sized
 from . import figures
-from .claims import AGREES, CLOSE, DISAGREES, Claims, Row
-from .facts import Facts
-from .identification import FREE, REPLICATES, SEED, STD, Answer, CHOICES, FLAT_SPEEDS, FLAT_STD, SPEEDS, Precision, coverage, identify, precision, simulated, truth
-from .runs import Runs
-from .stability import Modes, modes
+from .claims import AGREES, CLOSE, DISAGREES, Row
+from .identification import FLAT_SPEEDS, FLAT_STD, FREE, SPEEDS, STD, Precision, truth
+from .reproduction import Reproduction, verdict
 
 KINDS = {"typo": "a typo", "contradiction": "the paper contradicts itself", "assumption": "depends on what the paper does not print"}
 SYMBOL = {"eta": "η", "gamma": "γ"}
-SPEEDS_SHOWN = (10.0, 15.5, 20.0, 30.0, 40.0)  # m/s, rows of the stability table
-
-
-@dataclass(frozen=True)
-class Reproduction:
-    """Everything the page shows, computed when first asked for."""
-
-    model: Model
-    facts: Facts
-
-    @cached_property
-    def runs(self) -> Runs:
-        """The paper's runs."""
-        return Runs(self.model, self.facts)
-
-    @cached_property
-    def claims(self) -> Claims:
-        """The paper's claims and what the model gives."""
-        return Claims(self.runs)
-
-    @cached_property
-    def modes(self) -> list[Modes]:
-        """Small motions over speed."""
-        lowest = max(self.runs.lowest_speed + 0.1, 1.0)
-        return [modes(self.model, v) for v in np.linspace(lowest, 60.0, 90)]
-
-    @cached_property
-    def identified(self) -> Answer:
-        """Four distances, fitted by both methods from the paper's starting values."""
-        rng = np.random.default_rng(SEED)
-        return identify(self.model, simulated(self.model, SPEEDS, STD, rng), [self.facts.before[n] for n in FREE])
-
-    @cached_property
-    def flat(self) -> Answer:
-        """Four distances that leave the valley flat."""
-        rng = np.random.default_rng(SEED)
-        return identify(self.model, simulated(self.model, FLAT_SPEEDS, FLAT_STD, rng), truth(self.model), nelder_mead=False)
-
-    @cached_property
-    def choices(self) -> list[Precision]:
-        """What other choices of four initial speeds would tell."""
-        return [precision(self.model, speeds) for speeds in CHOICES]
-
-    @cached_property
-    def coverage(self) -> tuple[dict[str, int], np.ndarray]:
-        """How often the stated intervals hold the truth, and all answers."""
-        return coverage(self.model)
-
-
-def verdict(rows: Sequence[Row]) -> str:
-    """The answer in one sentence."""
-    count = {v: sum(r.verdict == v for r in rows) for v in (AGREES, CLOSE, DISAGREES)}
-    kinds = [r.claim.kind for r in rows if r.verdict == DISAGREES]
-    why = []
-    if n := kinds.count("typo"):
-        why.append("a typo" if n == 1 else f"{n} typos")
-    if n := kinds.count("contradiction"):
-        why.append(f"{n} contradictions inside the paper" if n > 1 else "a contradiction inside the paper")
-    if n := len(kinds) - kinds.count("typo") - kinds.count("contradiction"):
-        why.append(f"{n} for other reasons")
-    rest = f"; {count[DISAGREES]} do not: {', '.join(why)}" if count[DISAGREES] else ""
-    return f"Of {len(rows)} numbers and claims the paper prints, its own equations give {count[AGREES]}, and {count[CLOSE]} nearly{rest}."
-
-
-def results(work: Reproduction) -> dict[str, Any]:
-    """The claims and the other numbers of the page, for programs."""
-    rows = work.claims.rows
-    held, _ = work.coverage
-    return {
-        "verdict": verdict(rows),
-        "claims": [
-            {"id": r.claim.id, "place": r.claim.place, "says": r.claim.says, "paper": r.claim.value, "model": r.found, "unit": r.claim.unit,
-             "verdict": r.verdict, "kind": r.claim.kind, "why": r.why}
-            for r in rows
-        ],
-        "beyond_the_paper": work.claims.beyond,
-        "identification": {
-            n: {"value": v, "std": s, "nelder_mead": nm, "interval": [p.low, p.high], "covered": held[n]}
-            for n, v, s, nm, p in zip(FREE, work.identified.fit.values, work.identified.fit.std, work.identified.fit.nelder_mead, work.identified.profiles, strict=True)
-        },
-        "replicates": REPLICATES,
-    }  # fmt: skip
 
 
 def render(work: Reproduction) -> str:
@@ -152,13 +65,11 @@ def _choice_words(work: Reproduction) -> str:
 
 
 def _claims_table(rows: Sequence[Row]) -> str:
-    head = "".join(
-        f'<th scope="col"{c}>{h}</th>'
-        for h, c in (("Where", _W), ("The paper says", _W), ("Paper", ""), ("Model", ""), ("Verdict", _W), ("Why", _W))
-    )
+    widths = (("Where", 5.5, _W), ("The paper says", 15, _W), ("Paper", 8, ""), ("Model", 8, ""), ("Verdict", 9, _W), ("Why", 28.5, _W))
+    head = "".join(f'<th scope="col"{c} style="width:{w}rem">{h}</th>' for h, w, c in widths)
     body = "".join(f'<tr id="claim-{r.claim.id}">{_claim_cells(r)}</tr>' for r in rows)
     return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="table"><table><caption>In the order of the paper. "Close" is within a few per cent but '
+        f'<div class="scroll" tabindex="0" role="region" aria-label="table"><table style="table-layout:fixed;width:74rem"><caption>In the order of the paper. "Close" is within a few per cent but '
         f"outside the printed digits.</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -173,9 +84,9 @@ def _claim_cells(row: Row) -> str:
     unit = f" {c.unit}" if c.unit else ""
     paper = "no number" if c.value is None else f"{number(c.value, 4)}{unit}"
     return (
-        f'<th scope="row" class="word" style="min-width:5.5rem">{text(c.place)}</th><td class="word">{text(c.says)}</td>'
+        f'<th scope="row" class="word">{text(c.place)}</th><td class="word">{text(c.says)}</td>'
         f"<td>{text(paper)}</td><td>{text(_found(row))}{text(unit) if c.value is None else ''}</td>"
-        f'<td class="word" style="min-width:7rem"><span class="{tone}-word">{word}</span>{kind}</td><td class="word" style="min-width:20rem">{text(row.why)}</td>'
+        f'<td class="word"><span class="{tone}-word">{word}</span>{kind}</td><td class="word">{text(row.why)}</td>'
     )
 
 
@@ -197,10 +108,10 @@ def _tables(work: Reproduction) -> str:
     ]
     printed = table(["Symbol", "Meaning", "Paper", "Used", "Unit", "Parameter"], rows, "Table 1, and three values the paper prints elsewhere", words=2)
     rows = [
-        [text(r["symbol"]), text(PARAMETERS[r["parameter"]].meaning), number(p[r["parameter"]], 5), PARAMETERS[r["parameter"]].unit, f"<code>{r['parameter']}</code>", text(r["why"])]
+        [text(r["symbol"]), text(PARAMETERS[r["parameter"]].meaning), text(r["why"]), number(p[r["parameter"]], 5), PARAMETERS[r["parameter"]].unit, f"<code>{r['parameter']}</code>"]
         for r in facts.assumed
     ]
-    assumed = table(["Symbol", "Meaning", "Used", "Unit", "Parameter", "Why"], rows, "Assumed: not in the paper", words=2)
+    assumed = table(["Symbol", "Meaning", "Why", "Used", "Unit", "Parameter"], rows, "Assumed: not in the paper", words=3)
     rows = []
     for r in facts.table_2:
         i = FREE.index(r["parameter"])
@@ -227,7 +138,7 @@ def _figures(page: Page, work: Reproduction) -> str:
             f"<b>Figure 4.</b> 1-DOF at 20 m/s, η = 1, let go at 10 mm: closed. Period {orbit.period:.4f} s, {100 * orbit.low:.3f}–{100 * orbit.high:.3f} cm, ±{orbit.fastest:.4f} m/s; "
             f"20 swings lose {abs(1e9 * orbit.lost):.2g} nm.",
         ),
-        (figures.figure_5(r), "<b>Figure 5.</b> Lift in the zero pose, and the gap on which the lift carries the weight."),
+        (figures.figure_5(r), f"<b>Figure 5.</b> Net lift with all gaps at 10 mm, where it never carries the weight of {r.weight:.1f} N, and the gap on which it does."),
         (figures.figure_6(r), "<b>Figure 6.</b> Travel in 2 s. Below the critical speed the cradle stops, above it it runs away: the averaged thrust grows with the speed."),
         (seven[0], "<b>Figure 7a.</b> 2-DOF from 15.5 m/s: heave."),
         (seven[1], "<b>Figure 7b.</b> Travel and speed."),
@@ -254,12 +165,11 @@ def _stability(page: Page, work: Reproduction) -> str:
         f"<p><b>“Stable in travel”</b> does not hold at any steady speed: an error grows, at the critical speed by {m.growth:.2f} 1/s. "
         f"<b>“Strong concentric force”</b>: sway is stiff, {number(m.sway_stiffness, 3)} N/m, a quarter of heave; with it the lateral motions are stable and undamped too.</p>"
     )
-    shown = [modes(work.model, v) for v in SPEEDS_SHOWN]
     rows = [
         [f"{q.speed:g}", f"{1e3 * q.gap:.3f}", f"{q.drive_current:,.0f}", f"{q.heave_stiffness:,.0f}", f"{q.sway_stiffness:,.0f}", f"{q.roll_stiffness:.1f}",
          f"{q.heave_frequency:.2f}", f"{q.lateral_frequencies[1]:.2f}", f"{q.lateral_frequencies[0]:.2f}",
          _signed(q.coupling_damping), _signed(q.current_damping), _signed(q.both_damping), _signed(q.growth)]
-        for q in shown
+        for q in work.modes_shown
     ]  # fmt: skip
     header = ["Speed<br>m/s", "Gap<br>mm", "Trim<br>A", "Heave<br>N/m", "Sway<br>N/m", "Roll<br>N·m/rad", "Heave<br>Hz", "Roll<br>Hz", "Sway<br>Hz",
               "Coupling<br>N·s/m", "Current<br>N·s/m", "Both<br>N·s/m", "Growth<br>1/s"]  # fmt: skip
@@ -275,7 +185,7 @@ def _stability(page: Page, work: Reproduction) -> str:
 
 
 def _signed(value: float) -> str:
-    return f"{value:+.2f}".replace("-", "−")
+    return _minus(f"{value:+.2f}")
 
 
 # ---------------------------------------------------------------- identification
@@ -298,12 +208,12 @@ def _identification(page: Page, work: Reproduction) -> str:
     far = np.max(np.abs(good.fit.nelder_mead / good.fit.values - 1))
     words = (
         f"<p>Distances of 2 s are simulated at the published η and γ, noise is added, and both methods start from the paper's η = 1, γ = 3. "
-        f"From {_starts(SPEEDS)} m/s and ± {100 * STD:g} cm: {text(good.words)} Least squares and Nelder–Mead agree to {far:.0e} of the values "
+        f"From {_starts(SPEEDS)} m/s and ± {100 * STD:g} cm: {raised(good.words)} Least squares and Nelder–Mead agree to {number(float(far), 1)} of the values "
         f"({good.fit.evaluations['least squares']} and {good.fit.evaluations['Nelder–Mead']} evaluations).</p>"
         f"<p>In {len(found)} such identifications the stated 95 % interval held the true η {held['eta']} times and the true γ {held['gamma']} times.</p>"
     )
     warning = (
-        f'<div class="box"><b>Four distances may also say little.</b> From {_starts(FLAT_SPEEDS)} m/s, which all touch down, known to ± {FLAT_STD:g} m: {text(flat.words)}</div>'
+        f'<div class="box"><b>Four distances may also say little.</b> From {_starts(FLAT_SPEEDS)} m/s, which all touch down, known to ± {FLAT_STD:g} m: {raised(flat.words)}</div>'
     )
     return (
         words
@@ -315,12 +225,8 @@ def _identification(page: Page, work: Reproduction) -> str:
         + page.figure(figures.profiles(flat.profiles, values), f"Profile likelihood from {_starts(FLAT_SPEEDS)} m/s, ± {FLAT_STD:g} m: wide, and not a parabola.")
         + choices
         + "<p class='soft'>An initial speed that is off by 0.01 m/s moves the distance near the critical speed by "
-        + f"{_speed_error(work):.2g} m: there the speeds must be known far better than the distances.</p>"
+        + f"{work.speed_error:.2g} m: there the speeds must be known far better than the distances.</p>"
     )
-
-
-def _speed_error(work: Reproduction) -> float:
-    return 0.01 * (work.runs.travel(16.6)[0] - work.runs.travel(16.4)[0]) / 0.2
 
 
 def _starts(speeds: Sequence[float]) -> str:
@@ -353,44 +259,28 @@ def _air(work: Reproduction) -> str:
 
 
 def _drive(page: Page, work: Reproduction) -> str:
-    from .drive import closed_formula, travel_difference
-
-    model = work.model
-    at = {v: 100 * (1 - float(closed_formula(model, v))) for v in (15.5, 40.0, 80.0)}
-    good_to = _good_to(model)
-    rows = []
-    for speed in (15.0, 15.5, 16.5, 20.0, 40.0):
-        travel = model.simulate(np.array([0.0, 1.0]), model.initial_state(surge_rate=speed))["surge"][-1]
-        less = travel_difference(model, speed)
-        corrected = travel_difference(model.with_changes(effects=["finite_pulse_width"]), speed) if False else _corrected(model, speed)
-        rows.append([f"{speed:g}", f"{travel:.2f}", f"{less:+.2f}".replace("-", "−"), f"{100 * less / travel:+.1f} %".replace("-", "−"), f"{corrected:+.3f}".replace("-", "−")])
+    test = work.drive
+    rows = [
+        [f"{r.speed:g}", f"{r.averaged:.2f}", _minus(f"{r.by_pulses - r.averaged:+.2f}"), _minus(f"{100 * (r.by_pulses / r.averaged - 1):+.1f} %"), _minus(f"{r.by_pulses - r.corrected:+.3f}")]
+        for r in test.runs
+    ]
+    high = {v: f"{100 * (1 - q):.2g} %" for v, q in test.mean_at.items()}
     words = (
-        f"<p>The averaged law (39) is within 1 % of the pulses' mean thrust up to {good_to:.0f} m/s with τ = 600 µs (half the pulse length: twice the speed); it is {at[15.5]:.1f} % high at 15.5 m/s, "
-        f"{at[40.0]:.0f} % at 40 and {at[80.0]:.0f} % at 80 m/s, because the field turns while a pulse lasts. "
-        "Firing late matters more: the factor is cos(kvδ), and at a quarter wavelength of delay the drive brakes. "
-        "The factors cos(ωτ/2)/(1 − (ωτ/π)²) and cos(ωδ) (the lines; effects <code>finite_pulse_width</code>, <code>firing_delay</code>) describe the pulses' mean (the dots) to a part in a thousand, "
-        "so averaging is not what fails: leaving those two factors out is. Near the critical speed 1 % of thrust decides between touching down and running away.</p>"
+        f"<p><b>The averaged law (39) is within 1 % of the pulses' mean thrust up to {test.good_to:.0f} m/s</b> with τ = 600 µs (half the pulse length: twice the speed). It is {high[15.5]} high at 15.5 m/s, "
+        f"{high[40.0]} at 40 and {high[80.0]} at 80 m/s, because the field turns while a pulse lasts. "
+        "Firing late matters more: the factor is cos(kvδ), and later than a quarter wavelength of travel the drive brakes. "
+        "The factors cos(ωτ/2)/(1 − (ωτ/π)²) and cos(ωδ) (lines; the effects <code>finite_pulse_width</code> and <code>firing_delay</code>) give the pulses' mean (dots) to a part in a thousand: "
+        "averaging does little harm, leaving those factors out does. Near the critical speed 1 % of thrust decides between touching down and running away.</p>"
     )
-    header = ["Initial speed (m/s)", "Averaged: travel in 1 s (m)", "By pulses (m)", "", "By pulses − averaged with finite pulse width (m)"]
-    note = "Pulse by pulse scales the half sine so that at small kvτ its mean is (39)'s (see the impulse of a pulse above)."
-    return words + page.figure(figures.drive(model), "Lines: formulas. Dots: pulse by pulse. Green band: within 1 %.") + table(header, rows, note)
+    header = ["Initial speed (m/s)", "Averaged: travel in 1 s (m)", "By pulses (m)", "", "By pulses, against averaged<br>with finite pulse width (m)"]
+    note = "Free runs. Pulse by pulse, the half sine is scaled so that at small kvτ its mean is (39)'s: see the impulse of a pulse above."
+    return words + page.figure(figures.drive(work.model), "Lines: formulas. Dots: pulse by pulse. Green band: within 1 %.") + table(header, rows, note)
 
 
-def _good_to(model: Model) -> float:
-    from scipy.optimize import brentq
-
-    from .drive import closed_formula
-
-    return float(brentq(lambda v: float(closed_formula(model, v)) - 0.99, 1.0, 60.0))
+def _minus(number_text: str) -> str:
+    return number_text.replace("-", "−")
 
 
-def _corrected(model: Model, speed: float) -> float:
-    from .drive import run_by_pulses
-
-    times, states = run_by_pulses(model, speed, 1.0)
-    finite = model.with_changes(effects=["finite_pulse_width"])
-    averaged = finite.simulate(np.array([0.0, times[-1]]), finite.initial_state(surge_rate=speed))
-    return float(states[-1, 0] - averaged["surge"][-1])
-
-
-__all__ = ["Reproduction", "folded", "render", "results", "verdict"]
+def raised(sentence: str) -> str:
+    """HTML of a sentence with exponents such as ^-0.98."""
+    return re.sub(r"\^(-?[\d.]+\d)", lambda m: f"<sup>{_minus(m[1])}</sup>", text(sentence))

@@ -1,0 +1,111 @@
+"""``inductrack fit``: parameters from travel distances, from time series, or from both."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from ..core.errors import InputError
+
+EPILOG = """examples:
+  inductrack fit travels.csv --std 0.05 --output fit
+  inductrack fit my_campaign --output fit
+  inductrack fit travels.csv my_campaign --std 0.05 --free eta,gamma,mass --output fit
+
+A CSV of distances has the header initial_speed,travel (m/s, m) and, if wanted, the columns duration (s), drive_current (A) and std (m).
+Writes report.html, fit.json and model.yaml, the model with the fitted values."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("data", metavar="DATA", nargs="+", help="a CSV of travel distances, or a campaign's folder; one of each may be given")
+    parser.add_argument("--model", metavar="MODEL.yaml", help="the model to start from (default: the campaign's own, else the paper's)")
+    parser.add_argument("--free", metavar="NAME,…", help="parameters to fit, e.g. eta,gamma,aerodynamic_drag.drag_area (default: the campaign's, else eta,gamma)")
+    parser.add_argument("--start", metavar="NAME=VALUE,…", default="", help="values to start from, e.g. eta=1,gamma=3 (default: the model's)")
+    parser.add_argument("--duration", metavar="S", type=float, help="time the distances were covered in, where the CSV does not say (default: 2)")
+    parser.add_argument("--std", metavar="M", type=float, help="standard deviation of a distance, where the CSV does not say (default: estimated)")
+    parser.add_argument("--effects", metavar="MY_EFFECTS.py", action="append", default=[], help="a file with effects of your own (it is run)")
+    parser.add_argument("--output", metavar="DIR", required=True, help="folder for the results; made if need be")
+    parser.epilog = EPILOG
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Fit; writes ``report.html``, ``fit.json`` and ``model.yaml``."""
+    import json
+
+    from ..core.model import Model
+    from ..data import load_campaign
+    from ..estimation.identify import Identification, verdict
+    from ..estimation.misfits import DURATION, JointMisfit, SeriesMisfit, TravelMisfit, read_travels
+    from .fit_page import FitReport, render, results
+    from .output import write_files
+
+    for name in ("duration", "std"):
+        value = getattr(arguments, name)
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(f"--{name} {value:g}: must be above 0")
+    tables = [d for d in arguments.data if Path(d).suffix.lower() == ".csv"]
+    folders = [d for d in arguments.data if d not in tables]
+    if len(tables) > 1 or len(folders) > 1:
+        raise InputError(f"{arguments.data[-1]}: give at most one CSV of distances and one campaign")
+    travels = read_travels(tables[0], arguments.duration or DURATION, arguments.std or math.nan) if tables else None
+    campaign = load_campaign(folders[0]) if folders else None
+    if campaign is not None and Path(arguments.output).resolve() == Path(campaign.folder).resolve():
+        raise InputError(f"--output {arguments.output}: that is the campaign's own folder; choose another")
+    write_files(arguments.output, {})
+
+    path = arguments.model or (campaign.model if campaign else None)
+    model = Model.load(path, extra_files=arguments.effects) if path else Model.create(effect_files=arguments.effects)
+    if campaign is not None and campaign.dof is not None:
+        model = model.with_changes(dof=campaign.dof)
+    free = tuple(n.strip() for n in arguments.free.split(",")) if arguments.free else campaign.free if campaign else ("eta", "gamma")
+    model = with_values(model, _start(arguments.start, free))
+
+    travel = TravelMisfit(model, free, travels) if travels is not None else None
+    series = SeriesMisfit(campaign, model, free) if campaign is not None else None
+    parts = [p for p in (travel, series) if p is not None]
+    start = series.start if series is not None else [_value(model, n) for n in free]
+    question = Identification(parts[0] if len(parts) == 1 else JointMisfit(parts), start)
+    fit = question.fit()
+    profiles = [question.profile(fit, name) for name in free]
+    report = FitReport(fit, profiles, verdict(fit, profiles), travels, campaign.name if campaign else "", travel, series)
+    fitted = with_values(model, dict(zip(free, fit.values.tolist(), strict=True)))
+    text = json.dumps(results(report), indent=1, ensure_ascii=False, allow_nan=False)
+    write_files(arguments.output, {"report.html": render(report), "fit.json": text + "\n"})
+    fitted.save(Path(arguments.output) / "model.yaml", f"Fitted by inductrack fit: {', '.join(free)}")
+    print(report.words)
+    print(Path(arguments.output) / "report.html")
+
+
+def with_values(model, values):
+    """``model`` with parameters set by full name."""
+    base = {n: v for n, v in values.items() if "." not in n}
+    effects = {e: dict(p) for e, p in model.effects.items()}
+    for name, value in values.items():
+        effect, dot, parameter = name.rpartition(".")
+        if dot:
+            effects.setdefault(effect, {})[parameter] = value
+    return model.with_changes(base, effects)
+
+
+def _value(model, name: str) -> float:
+    """The model's value of a parameter by full name."""
+    from ..estimation.misfits import declarations
+
+    declarations(model, [name])
+    effect, dot, parameter = name.rpartition(".")
+    return model.effects[effect][parameter] if dot else model.parameters[name]
+
+
+def _start(given: str, free: tuple[str, ...]) -> dict[str, float]:
+    values = {}
+    for entry in filter(None, (part.strip() for part in given.split(","))):
+        name, _, number = (part.strip() for part in entry.partition("="))
+        try:
+            values[name] = float(number)
+        except ValueError:
+            raise InputError(f"--start: '{entry}' is not NAME=NUMBER, e.g. eta=1") from None
+        if name not in free:
+            raise InputError(f"--start: '{name}' is not among the free parameters {', '.join(free)}; add it to --free")
+    return values
