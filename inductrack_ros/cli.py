@@ -294,6 +294,12 @@ def _delivered(module: str) -> tuple[Callable[[argparse.ArgumentParser], None], 
 COMMANDS = (
     Command("simulate", "simulate one run into a CSV or a bag, without ROS", _simulate_arguments, _simulate),
     Command("compare", "show where a model fails to predict a campaign's measurements", _compare_arguments, _compare),
+    Command(
+        "fit",
+        "fit parameters to travel distances or campaigns, and say how well they are known",
+        *_delivered(".paper.fit_command"),
+    ),
+    Command("paper", "reproduce Kim and Ge (2012) on one page", *_delivered(".paper.command")),
 )
 
 if __name__ == "__main__":

@@ -1,22 +1,21 @@
-"""The report of `inductrack diagnose`: which effect is missing, how sure that is, and what would settle what is open."""
+"""The report of `inductrack diagnose`: which effect is missing, how sure that is, what would settle what is open."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..compare import rms
 from ..core.effects import split_name
-from ..core.parameters import PARAMETERS
+from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import CHANNELS
+from ..diagnosis.result import Diagnosis, Rival, Step
 from .explorer import RunTraces, Trace, explorer
 from .page import Figure, Page, folded, packed, table, text
 from .words import effect_name, in_channel, listed, number, ratio, sized, title
-
-if TYPE_CHECKING:
-    from ..diagnosis.result import Diagnosis
 
 TONES = {"adequate": "good", "missing_effect": "bad", "unknown_effect": "warn"}
 _FORCE = {
@@ -25,7 +24,6 @@ _FORCE = {
     "heave": "a vertical force",
     "roll": "a roll moment",
 }
-_FORCE_UNIT = {"roll": "N·m"}
 _DEPENDS = {
     "surge": ("the place along the track", "place along the track, m"),
     "sway": ("sway", "sway, m"),
@@ -38,30 +36,33 @@ _DEPENDS = {
     "time": ("time", "time since the run's start, s"),
     "drive": ("the drive current", "drive current, A"),
 }
+#: Rivals shown of each round; the rest is folded away.
+SHOWN = 8
 
 
 def diagnosis_report(result: Diagnosis) -> str:
     """The whole page."""
     page = Page(
-        title=result.campaign.name,
+        title=result.campaign,
         kind="What the model misses",
         verdict=verdict(result),
         tone=TONES[result.verdict],
         lead=_lead(result),
     )
     page.picture(_picture(page, result))
-    if len(result.predictions) > 1:
-        page.section("Try it", _try_it(page, result))
-    if result.unknown is not None:
-        page.section("What is unexplained", _unexplained(result))
     if result.indistinguishable or result.next_experiment:
         page.section("Still open", _open(result))
-    page.section("Rivals", _rivals(result))
-    if result.evidence:
-        page.section("Where it was decided", _where(page, result))
-    page.section("Before and after", _before_and_after(page, result))
-    if result.detectable:
-        page.section("What would have shown", _detectable(result))
+    if result.traces:
+        page.section("Try it" if len(_variants(result)) > 1 else "Traces", _try_it(page, result))
+    if result.unknown is not None and len(result.steps) > 1:
+        page.section("Step by step", page.figure(_steps_figure(result)))
+    if result.rivals:
+        page.section("Rivals", _rivals(result))
+    if chosen := [r for r in result.rivals if r.chosen and r.where]:
+        page.section("Where it was decided", "".join(_where(page, r) for r in chosen))
+    page.section("Before and after", _before_and_after(result))
+    if result.limits:
+        page.section("What would have shown", _limits(result))
     page.section("The model", _model(result))
     return page.render()
 
@@ -73,10 +74,12 @@ def verdict(result: Diagnosis) -> str:
     """The answer in one sentence."""
     if result.verdict == "adequate":
         return "Nothing detectable is missing: what the model leaves is the sensors' noise."
-    found = [_with_rivals(result, e) for e in result.effects]
+    found = [_with_rivals(result, e) for e in result.effects if not _is_stand_in(e)]
     if result.verdict == "missing_effect":
         names = listed(found)
-        return f"{names[0].upper()}{names[1:]} {'is' if len(found) == 1 else 'are'} missing; with {'it' if len(found) == 1 else 'them'}, what is left is noise."
+        one = len(found) == 1
+        are, them = ("is", "it") if one else ("are", "them")
+        return f"{names[0].upper()}{names[1:]} {are} missing; with {them}, what is left is noise."
     beyond = f" beyond {listed(found)}" if found else ""
     if result.unknown is None:
         return f"Something is missing{beyond} that no known effect explains."
@@ -87,39 +90,42 @@ def verdict(result: Diagnosis) -> str:
 
 def _with_rivals(result: Diagnosis, effect: str) -> str:
     rivals = result.indistinguishable.get(effect, ())
-    return listed([effect_name(effect), *(effect_name(r) for r in rivals)], "or") if rivals else effect_name(effect)
+    if len(result.effects) > 1 and rivals:  # brackets, or "a or b and c" would be read in two ways
+        return f"{effect_name(effect)} (or {listed([effect_name(r) for r in rivals], 'or')})"
+    return listed([effect_name(e) for e in (effect, *rivals)], "or")
 
 
 def _lead(result: Diagnosis) -> str:
     points = []
     first, last = result.steps[0], result.steps[-1]
     if len(result.steps) > 1:
-        fall = f"Error over noise falls from {ratio(math.sqrt(first.reduced_chi2))} to {ratio(math.sqrt(last.reduced_chi2))}"
-        held = (
-            f", on runs left out of the fit from {ratio(first.heldout_nrmse)} to {ratio(last.heldout_nrmse)}"
-            if _finite(last.heldout_nrmse)
-            else ""
-        )
-        points.append(f"{fall}{held}.")
+        fall = f"{ratio(math.sqrt(first.reduced_chi2))} to {ratio(math.sqrt(last.reduced_chi2))}"
+        held = f", on runs left out of the fit from {ratio(first.heldout_nrmse)} to {ratio(last.heldout_nrmse)}"
+        points.append(f"Error over noise falls from {fall}{held if _finite(last.heldout_nrmse) else ''}.")
     else:
-        held = (
-            f"; on runs left out of the fit it is {ratio(first.heldout_nrmse)}" if _finite(first.heldout_nrmse) else ""
-        )
-        points.append(f"Error over noise is {ratio(math.sqrt(first.reduced_chi2))} after the fit{held}.")
+        held = f"; on runs left out of the fit it is {ratio(first.heldout_nrmse)}"
+        after = f"Error over noise is {ratio(math.sqrt(first.reduced_chi2))} after the fit"
+        points.append(f"{after}{held if _finite(first.heldout_nrmse) else ''}.")
     sizes = [
-        f"{text(_full_symbol(n))} <strong>{text(_size(result, n))}</strong>" for n in result.parameters if "." in n
+        f"{text(_full_symbol(n))} <strong>{text(_size(result, n))}</strong>"
+        for n in _shown_parameters(result)
+        if "." in n
     ]
     if sizes:
         points.append("Fitted: " + ", ".join(sizes) + ".")
     if result.unknown is not None:
-        points.append(text(result.unknown.sentence))
+        peak = f"{number(abs(result.unknown.peak), 2)} {result.unknown.unit}"
+        points.append(f"It reaches <strong>{text(peak)}</strong>. {text(_not_on(result))}")
     for effect, rivals in result.indistinguishable.items():
-        points.append(
-            f"These data cannot tell {text(effect_name(effect))} from {text(listed([effect_name(r) for r in rivals], 'or'))}."
-        )
-    if result.next_experiment:
-        points.append(f"Next: {text(result.next_experiment)}")
+        others = listed([effect_name(r) for r in rivals], "or")
+        points.append(f"These data cannot tell {text(effect_name(effect))} from {text(others)}.")
+    points += [text(note) for note in result.notes]
     return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
+
+
+def _not_on(result: Diagnosis) -> str:
+    rivals = [_DEPENDS[r][0] if r in _DEPENDS else r for r in result.unknown.rivals]
+    return f"Nearly as well the data would fit one that depends on {listed(rivals, 'or')}." if rivals else ""
 
 
 # ---------------------------------------------------------------- pictures
@@ -127,158 +133,128 @@ def _lead(result: Diagnosis) -> str:
 
 def _picture(page: Page, result: Diagnosis) -> str:
     if result.unknown is not None and len(result.unknown.at):
-        return page.figure(
-            _unknown_figure(result),
-            "The force that is missing, as the data show it; the band is ±2 standard deviations.",
-        )
+        return page.figure(_unknown_figure(result), "The missing force, as the data show it, with its 95 % band.")
     if len(result.steps) > 1:
         return page.figure(_steps_figure(result), "Each step adds one effect and refits everything. 1 is noise alone.")
-    if result.detectable:
-        return page.figure(
-            _detectable_figure(result),
-            "The smallest size of each effect that these data would have shown, over the size at which it matters.",
-        )
+    if result.limits:
+        caption = "The smallest size of each effect these data would have shown, over a size at which it matters."
+        return page.figure(_limits_figure(result), caption)
     return ""
 
 
 def _steps_figure(result: Diagnosis) -> Figure:
-    names = ["the model as given"] + [f"+ {effect_name(s.effects[-1])}" if s.effects else "" for s in result.steps[1:]]
+    names = [_step_name(s, before) for s, before in zip(result.steps, [None, *result.steps], strict=False)]
     fitted = [math.sqrt(s.reduced_chi2) for s in result.steps]
     held = [s.heldout_nrmse for s in result.steps]
-
     above = [_finite(h) and h > f for f, h in zip(fitted, held, strict=True)]  # the label that is not between the lines
 
     def line(values: Sequence[float], name: str, colour: str, top: Sequence[bool], dash: str) -> dict[str, Any]:
         return {
-            "type": "scatter", "mode": "lines+markers+text", "x": names, "y": [v if _finite(v) else None for v in values], "name": name,
-            "text": [ratio(v) for v in values], "textposition": ["top center" if t else "bottom center" for t in top], "cliponaxis": False, "textfont": {"color": colour},
-            "line": {"color": colour, "width": 2.5, "dash": dash}, "marker": {"size": 9, "color": colour},
+            "type": "scatter",
+            "mode": "lines+markers+text",
+            "name": name,
+            "x": names,
+            "y": [v if _finite(v) else None for v in values],
+            "text": [ratio(v) for v in values],
+            "textposition": ["top center" if t else "bottom center" for t in top],
+            "textfont": {"color": colour},
+            "cliponaxis": False,
+            "line": {"color": colour, "width": 2.5, "dash": dash},
+            "marker": {"size": 9, "color": colour},
             "hovertemplate": "%{x}: %{text} × noise",
-        }  # fmt: skip
+        }
 
     data = [line(fitted, "runs in the fit", "@after", [not a for a in above], "solid")]
     if any(_finite(h) for h in held):
         data.append(line(held, "runs left out", "@before", above, "dot"))
     values = [v for v in [*fitted, *held] if _finite(v) and v > 0]
+    low, high = math.log10(min([*values, 0.8]) * 0.6), math.log10(max(values) * 1.9)
     layout = {
         "xaxis": {"type": "category", "range": [-0.35, len(names) - 0.65], "ticks": ""},
-        "yaxis": {
-            "title": "error / noise",
-            "type": "log",
-            "range": [math.log10(min([*values, 0.8]) * 0.6), math.log10(max(values) * 1.9)],
-            "dtick": 1,
-        },
-        "shapes": [_noise_line()],
+        "yaxis": {"title": "error / noise", "type": "log", "range": [low, high], "dtick": 1},
+        "shapes": [_line_at_one("y")],
     }
     return Figure(
-        data, layout, "Error over noise falling as effects are added, in the fit and on runs left out", 330, fixed=True
+        data, layout, "Error over noise as effects are added, in the fit and on runs left out", 330, fixed=True
     )
 
 
-def _noise_line() -> dict[str, Any]:
+def _step_name(step: Step, before: Step | None) -> str:
+    new = [e for e in step.effects if before is None or e not in before.effects]
+    if before is None:
+        return "the model as given" if not new else listed([effect_name(e) for e in new])
+    return "+ " + listed([effect_name(e) for e in new])
+
+
+def _line_at_one(axis: str) -> dict[str, Any]:
+    along, across = ("x", "y") if axis == "y" else ("y", "x")
     line = {"color": "@good", "width": 1.5, "dash": "dash"}
-    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, "line": line}
+    return {
+        "type": "line",
+        f"{along}ref": "paper",
+        f"{along}0": 0,
+        f"{along}1": 1,
+        f"{across}0": 1,
+        f"{across}1": 1,
+        "line": line,
+    }
 
 
 def _unknown_figure(result: Diagnosis) -> Figure:
     unknown = result.unknown
-    unit = _FORCE_UNIT.get(unknown.channel, "N")
-    at, force, std = (np.asarray(a, float) for a in (unknown.at, unknown.force, unknown.std))
-    band = {
+    at, force, half = (np.asarray(a, float) for a in (unknown.at, unknown.force, unknown.band))
+    quiet = {"type": "scatter", "mode": "lines", "showlegend": False}
+    band = quiet | {
         "x": packed(np.concatenate([at, at[::-1]])),
-        "y": packed(np.concatenate([force + 2 * std, (force - 2 * std)[::-1]])),
-        "type": "scatter", "mode": "lines", "fill": "toself", "fillcolor": "@shade", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False,
-    }  # fmt: skip
-    line = {
-        "x": packed(at), "y": packed(force), "type": "scatter", "mode": "lines", "line": {"color": "@before", "width": 2.5},
-        "showlegend": False, "hovertemplate": "%{x:.4g}: %{y:.3g} " + unit + "<extra></extra>",
-    }  # fmt: skip
+        "y": packed(np.concatenate([force + half, (force - half)[::-1]])),
+        "fill": "toself",
+        "fillcolor": "@shade",
+        "line": {"width": 0},
+        "hoverinfo": "skip",
+    }
+    line = quiet | {
+        "x": packed(at),
+        "y": packed(force),
+        "line": {"color": "@before", "width": 2.5},
+        "hovertemplate": f"%{{x:.4g}}: %{{y:.3g}} {unknown.unit}<extra></extra>",
+    }
     on = _DEPENDS[unknown.depends_on[0]][1] if unknown.depends_on else ""
+    what = _FORCE[unknown.channel].split(" ", 1)[1]
     layout = {
         "xaxis": {"title": on},
-        "yaxis": {
-            "title": f"{_FORCE[unknown.channel].split(' ', 1)[1]}, {unit}",
-            "zeroline": True,
-            "zerolinecolor": "@soft",
-        },
+        "yaxis": {"title": f"{what}, {unknown.unit}", "zeroline": True, "zerolinecolor": "@soft"},
         "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
     }
-    return Figure([band, line], layout, f"The force that no effect explains over {on}", 330)
+    return Figure([band, line], layout, f"The {what} that no effect explains over {on}", 330)
 
 
-def _detectable_figure(result: Diagnosis) -> Figure:
-    rows = [d for d in sorted(result.detectable, key=lambda d: -d.size / d.typical) if _finite(d.size / d.typical)]
-    shares = [d.size / d.typical for d in rows]
+def _limits_figure(result: Diagnosis) -> Figure:
+    shares = {x.name: x.size / _typical(result, x.name, x.parameter) for x in result.limits}
+    rows = sorted(
+        (x for x in result.limits if _finite(shares[x.name]) and shares[x.name] > 0), key=lambda x: -shares[x.name]
+    )
     data = {
-        "type": "bar", "orientation": "h", "y": [effect_name(d.name) for d in rows], "x": shares, "marker": {"color": "@after"},
-        "text": [f"{number(d.size, 2)} {d.unit}".strip() for d in rows], "textposition": "outside", "cliponaxis": False,
+        "type": "bar",
+        "orientation": "h",
+        "y": [effect_name(x.name) for x in rows],
+        "x": [shares[x.name] for x in rows],
+        "marker": {"color": "@after"},
+        "text": [f"{number(x.size, 2)} {x.unit}".strip() for x in rows],
+        "textposition": "outside",
+        "cliponaxis": False,
         "hovertemplate": "%{y}: %{text}<extra></extra>",
-    }  # fmt: skip
+    }
     layout = {
         "xaxis": {"type": "log", "title": "smallest size that would have shown / size that matters", "dtick": 1},
         "yaxis": {"ticks": "", "tickfont": {"size": 11}},
-        "margin": {"l": 8, "r": 70, "t": 8, "b": 8},
-        "shapes": [
-            {
-                "type": "line",
-                "x0": 1,
-                "x1": 1,
-                "yref": "paper",
-                "y0": 0,
-                "y1": 1,
-                "line": {"color": "@good", "width": 1.5, "dash": "dash"},
-            }
-        ],
+        "margin": {"l": 8, "r": 80, "t": 8, "b": 8},
+        "shapes": [_line_at_one("x")],
     }
-    return Figure(
-        [data],
-        layout,
-        "Smallest detectable size of each effect; the table below has the numbers",
-        60 + 20 * len(rows),
-        fixed=True,
-    )
+    label = "Smallest size of each effect that would have shown; the table below has the numbers"
+    return Figure([data], layout, label, 70 + 17 * len(rows), fixed=True)
 
 
 # ---------------------------------------------------------------- the evidence
-
-
-def _try_it(page: Page, result: Diagnosis) -> str:
-    variants = list(result.predictions)
-    runs = []
-    for i, run in enumerate(result.campaign.runs):
-        traces = {}
-        for j, channel in enumerate(run.channels):
-            rows = run.measured[:, j]
-            if rows.any():
-                predicted = [result.predictions[v][i][rows, j] for v in variants]
-                errors = [result.errors[v][i].get(channel, math.nan) for v in variants]
-                traces[channel] = Trace(run.times[rows], run.values[rows, j], predicted, errors)
-        runs.append(RunTraces(run.name, _about(run), traces))
-    none, whole = variants[0], tuple(result.effects)
-    worst = max(
-        ((r.name, c) for r, run in zip(runs, result.campaign.runs, strict=True) for c in r.traces if c in run.channels),
-        key=lambda rc: _gain(result, none, whole, rc),
-    )
-    return (
-        "<p>Switch an effect off and see which measurements need it. Every combination was fitted beforehand: "
-        "its parameters, η and γ and the initial states are the best it can do.</p>"
-        + explorer(
-            page, runs, result.noise, result.effects, variants, worst, ("without any effect", "with the effects chosen")
-        )
-    )
-
-
-def _gain(result: Diagnosis, none: tuple, whole: tuple, where: tuple[str, str]) -> float:
-    name, channel = where
-    i = next(k for k, run in enumerate(result.campaign.runs) if run.name == name)
-    before, after = (result.errors[v][i].get(channel, math.nan) for v in (none, whole))
-    return before / after if _finite(before) and _finite(after) and after > 0 else -1.0
-
-
-def _about(run: Any) -> str:
-    if run.pulses is not None:
-        return "pulses"
-    return f"{number(run.drive_current, 4)} A" if run.drive_current else "coasting"
 
 
 def _open(result: Diagnosis) -> str:
@@ -286,124 +262,191 @@ def _open(result: Diagnosis) -> str:
     for effect, rivals in result.indistinguishable.items():
         names = listed([f"<strong>{text(effect_name(r))}</strong>" for r in rivals], "or")
         parts.append(
-            f"<p>Instead of <strong>{text(effect_name(effect))}</strong> it could be {names}: after refitting, these data fit both.</p>"
+            f"<p>Instead of <strong>{text(effect_name(effect))}</strong> it could be {names}: these data fit both.</p>"
         )
     if result.next_experiment:
-        parts.append(f'<div class="box"><strong>Next experiment.</strong> {text(result.next_experiment)}</div>')
+        apart = [f"{text(effect_name(n))}: {number(s, 2)} standard deviations" for n, s in result.separation.items()]
+        tail = f"<br>Expected difference from {'; from '.join(apart)}." if apart else ""
+        parts.append(f'<div class="box"><strong>Next experiment.</strong> {text(result.next_experiment)}{tail}</div>')
     return "".join(parts)
 
 
-def _unexplained(result: Diagnosis) -> str:
-    return (
-        f"<p>{text(result.unknown.sentence)}</p><p class='soft'>The curve is what the data demand once everything else is fitted. As a stand-in it can be added to the "
-        "model, so that predictions improve while the physics is sought; it is a description, not an explanation.</p>"
+def _variants(result: Diagnosis) -> list[tuple[str, ...]]:
+    """Sets of effects that were predicted for every run, none first."""
+    sets = [set(t.predicted) for t in result.traces]
+    return sorted(set.intersection(*sets), key=lambda v: (len(v), v)) if sets else []
+
+
+def _switches(result: Diagnosis) -> list[str]:
+    """Effects that the variants switch, in the order they were found."""
+    named = {e for v in _variants(result) for e in v}
+    return [e for e in result.effects if e in named] + sorted(named - set(result.effects))
+
+
+def _error(result: Diagnosis, measured: np.ndarray, predicted: np.ndarray, channel: str) -> float:
+    """What the bars beside a trace show: its RMS error over noise."""
+    return rms((np.asarray(measured) - predicted) / result.noise[channel])
+
+
+def _try_it(page: Page, result: Diagnosis) -> str:
+    variants = _variants(result)
+    runs, gain = [], {}
+    for run in result.traces:
+        traces = {}
+        for channel, measured in run.measured.items():
+            seen = ~np.isnan(measured)
+            if seen.any():
+                predicted = [run.predicted[v][channel][seen] for v in variants]
+                errors = [_error(result, measured[seen], p, channel) for p in predicted]
+                traces[channel] = Trace(run.times[seen], measured[seen], predicted, errors)
+                gain[run.name, channel] = errors[0] / errors[-1] if _finite(errors[0]) and errors[-1] > 0 else 0.0
+        runs.append(RunTraces(run.name, _about(run.drive_current), traces))
+    start = max(gain, key=lambda k: gain[k]) if gain else None
+    html = explorer(
+        page, runs, result.noise, _switches(result), variants, start, ("without any effect", "with the effects chosen")
     )
+    if len(variants) == 1:
+        return html
+    return (
+        "<p>Switch an effect off and see which measurements need it. Each combination was fitted beforehand: "
+        f"its parameters and initial states are the best it can do.</p>{html}"
+    )
+
+
+def _about(drive_current: float) -> str:
+    return f"{number(drive_current, 4)} A" if drive_current else "coasting"
 
 
 def _rivals(result: Diagnosis) -> str:
+    parts = []
+    for beside in dict.fromkeys(r.beside for r in result.rivals):
+        round_ = sorted((r for r in result.rivals if r.beside == beside), key=lambda r: (not r.chosen, -r.chi2_fall))
+        if beside:
+            parts.append(f"<h3>With {text(listed([effect_name(b) for b in beside]))} in the model</h3>")
+        parts.append(_rival_table(result, round_[:SHOWN]))
+        if len(round_) > SHOWN:
+            parts.append(folded(f"{len(round_) - SHOWN} more that do worse", _rival_table(result, round_[SHOWN:])))
+    return (
+        "<p>Each was added and everything refitted. Its evidence is the fall in χ² beyond what chance alone gives to the best "
+        "of so many tried; error on runs left out counts against what fits only the runs it was fitted to.</p>"
+        + "".join(parts)
+    )
+
+
+def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
     rows = []
-    for c in result.candidates:
-        sizes = (
-            "<br>".join(f"{text(_symbol(n))} = {text(sized(v, s, _unit(result, n)))}" for n, (v, s) in c.sizes.items())
-            or "–"
+    confused = {r for others in result.indistinguishable.values() for r in others}
+    for r in rivals:
+        style = "good-word" if r.chosen else "warn-word" if r.name in confused else ""
+        words = text(r.words or ("chosen" if r.chosen else ""))
+        sizes = "<br>".join(
+            f"{text(_symbol(p))} {text(sized(v, r.std.get(p), _declared(result, _full(r.name, p)).unit))}"
+            for p, v in r.size.items()
+            if "[" not in p
         )
-        style = (
-            "good-word"
-            if c.name in result.effects
-            else "warn-word"
-            if any(c.name in r for r in result.indistinguishable.values())
-            else ""
-        )
-        judged = f'<span class="{style}">{text(c.words)}</span>' if style else text(c.words)
         rows.append(
             [
-                f"{text(effect_name(c.name))}<br><span class='soft'>{text(_summary(result, c.name))}</span>",
-                judged,
-                number(c.delta_chi2, 4),
-                ratio(c.heldout_nrmse),
-                sizes,
+                f"{text(effect_name(r.name))}<br><span class='soft'>{text(_summary(result, r.name))}</span>",
+                f'<span class="{style}">{words}</span>' if style else words,
+                number(r.chi2_fall, 4),
+                number(r.threshold, 3),
+                ratio(r.heldout_nrmse),
+                sizes or "–",
             ]
         )
-    header = ["Effect", "Verdict", "Fall in χ²", "Error, runs left out", "Fitted size"]
-    caption = (
-        "Each rival was added in place of what was found and everything was refitted. A fall in χ² of 10 is strong evidence, if few were tried; "
-        "a size within two of its standard deviations of nothing is no evidence."
-    )
-    return table(header, rows, caption, words=2, last_words=True)
+    header = ["Effect", "For and against", "Fall in χ²", "By chance", "Error, left out", "Fitted size"]
+    return table(header, rows, words=2, last_words=True)
 
 
-def _where(page: Page, result: Diagnosis) -> str:
+def _where(page: Page, rival: Rival) -> str:
     figures = []
-    for by in dict.fromkeys(e.by for e in result.evidence):
-        rows = [e for e in result.evidence if e.by == by]
-        if len(rows) < 2:
+    for by, parts in rival.where.items():
+        if len(parts) < 2:
             continue
         data = {
-            "type": "bar", "x": [e.label for e in rows], "y": [e.delta_chi2 for e in rows], "marker": {"color": "@after"},
-            "hovertemplate": "%{x}: %{y:.4g}<extra></extra>",
-        }  # fmt: skip
+            "type": "bar",
+            "x": list(parts),
+            "y": [100 * p for p in parts.values()],
+            "marker": {"color": "@after"},
+            "hovertemplate": "%{x}: %{y:.3g} %<extra></extra>",
+        }
         layout = {
             "xaxis": {"type": "category", "title": by},
-            "yaxis": {"title": "fall in χ²"},
+            "yaxis": {"title": "part of the fall in χ², %"},
             "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
         }
-        figures.append(page.figure(Figure([data], layout, f"Fall in chi squared by {by}", 250)))
+        label = f"Part of the evidence for {effect_name(rival.name)} by {by}"
+        figures.append(page.figure(Figure([data], layout, label, 240, fixed=True)))
     return (
-        "<p>By how much the misfit falls where: an effect that only one run or one stretch asks for is less certain than one all ask for.</p>"
-        f'<div class="two">{"".join(figures)}</div>'
+        f"<h3>{text(effect_name(rival.name)).capitalize()}</h3><p>Which data ask for it: what only one run asks for is less certain "
+        f'than what all do.</p><div class="two">{"".join(figures)}</div>'
     )
 
 
-def _before_and_after(page: Page, result: Diagnosis) -> str:
-    variants = list(result.predictions)
-    before, after = variants[0], tuple(result.effects)
-    channels = result.campaign.channels
-    rows = []
-    for i, run in enumerate(result.campaign.runs):
-        cells = []
-        for c in channels:
-            b = result.errors[before][i].get(c)
-            a = result.errors[after][i].get(c)
-            cells.append(
-                "–" if b is None else ratio(b) if before == after else f"{ratio(b)} → <strong>{ratio(a)}</strong>"
-            )
-        rows.append([text(run.name), text(_about(run)), *cells])
-    caption = (
-        "Error over noise per run and channel, refitted without and with what was found."
-        if before != after
-        else "Error over noise per run and channel."
+def _before_and_after(result: Diagnosis) -> str:
+    channels = [c for c in result.noise if any(c in s.errors for s in result.steps)]
+    steps = table(
+        ["Model", "Fit", *(text(title(c)) for c in channels), "Left out", *(text(title(c)) for c in channels)],
+        [
+            [
+                text(_step_name(s, b)),
+                f"<strong>{ratio(math.sqrt(s.reduced_chi2))}</strong>",
+                *(ratio(s.errors.get(c)) for c in channels),
+                f"<strong>{ratio(s.heldout_nrmse)}</strong>",
+                *(ratio(s.heldout_errors.get(c)) for c in channels),
+            ]
+            for s, b in zip(result.steps, [None, *result.steps], strict=False)
+        ],
+        "Error over noise step by step: all channels and each, on the runs of the fit and on runs left out of it.",
     )
-    return table(["Run", "Drive", *(text(title(c)) for c in channels)], rows, caption, words=2)
+    first, last = result.steps[0], result.steps[-1]
+    names = [n for n in first.by_run if n in last.by_run]
+    runs = table(
+        ["Run", "Before", "After"],
+        [[text(n), ratio(first.by_run[n]), f"<strong>{ratio(last.by_run[n])}</strong>"] for n in names],
+        "Error over noise of each run, all channels, fitted on all runs.",
+    )
+    return steps + (runs if names and len(result.steps) > 1 else "")
 
 
-def _detectable(result: Diagnosis) -> str:
+def _limits(result: Diagnosis) -> str:
     rows = [
         [
-            f"{text(effect_name(d.name))}<br><span class='soft'>{text(_summary(result, d.name))}</span>",
-            text(d.parameter),
-            f"{number(d.size, 3)} {text(d.unit)}",
-            f"{number(d.typical, 3)} {text(d.unit)}",
+            f"{text(effect_name(x.name))}<br><span class='soft'>{text(_summary(result, x.name))}</span>",
+            text(_symbol(x.parameter)),
+            text(f"{number(x.size, 2)} {x.unit}"),
+            text(f"{number(_typical(result, x.name, x.parameter), 2)} {x.unit}"),
         ]
-        for d in sorted(result.detectable, key=lambda d: d.size / d.typical if d.typical else math.inf)
+        for x in sorted(result.limits, key=lambda x: x.size / _typical(result, x.name, x.parameter))
     ]
-    return (
-        "<p>Had one of these been there at this size, these data would have shown it (nineteen times in twenty). What is smaller may be there unseen.</p>"
-        + table(["Effect", "Parameter", "Would have shown", "A size that matters"], rows, words=2)
+    caption = (
+        "Had one of these been there at this size, these data would have shown it. What is smaller may be there unseen."
     )
+    return table(["Effect", "Parameter", "Would have shown", "A size that matters"], rows, caption, words=2)
 
 
 def _model(result: Diagnosis) -> str:
-    rows = [[f"<code>{text(n)}</code>", text(_size(result, n)), text(_meaning(result, n))] for n in result.parameters]
-    noise = ", ".join(f"{text(title(c)).lower()} {text(in_channel(c, s))}" for c, s in result.noise.items())
+    rows = [
+        [f"<code>{text(n)}</code>", text(_size(result, n)), text(_declared(result, n).meaning)]
+        for n in _shown_parameters(result)
+    ]
+    noise = table(
+        ["Channel", "Noise (standard deviation)", ""],
+        [
+            [text(title(c)), text(in_channel(c, s)), "given" if c in result.noise_given else "estimated"]
+            for c, s in result.noise.items()
+        ],
+    )
     tests = table(
-        ["Test of what is left", "Statistic", "Degrees of freedom", "p"],
+        ["Test of what is left", "Statistic", "Degrees of freedom", "p of this test alone"],
         [[text(t.name), number(t.statistic, 4), str(t.dof), number(t.p_value, 2)] for t in result.tests],
     )
     return (
         table(["Parameter", "Value ± standard deviation", "Meaning"], rows, last_words=True)
-        + "<p>The improved model is in <code>model.yaml</code>: <code>inductrack compare --model model.yaml</code> reads it, and the simulator node with "
-        f"<code>--params-file model.yaml</code>.</p><p class='soft'>Noise: {noise}.</p>"
-        + folded("Tests of what is left", tests)
+        + "<p>The improved model is <code>model.yaml</code>: <code>inductrack compare --model model.yaml</code> reads it, "
+        + "and the simulator node with <code>--params-file model.yaml</code>.</p>"
+        + folded("Noise", noise)
+        + (folded(f"Tests of what is left: together p = {number(result.p_value, 2)}", tests) if result.tests else "")
     )
 
 
@@ -414,19 +457,29 @@ def _finite(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
 
 
-def _declared(result: Diagnosis, name: str) -> Any:
+def _is_stand_in(effect: str) -> bool:
+    return effect.startswith("stand_in")
+
+
+def _full(effect: str, parameter: str) -> str:
+    return parameter if "." in parameter else f"{effect}.{parameter}"
+
+
+def _shown_parameters(result: Diagnosis) -> list[str]:
+    """Parameters with a meaning of their own: not the entries of a stand-in's table."""
+    return [n for n in result.parameters if "[" not in n and not _is_stand_in(n)]
+
+
+def _declared(result: Diagnosis, name: str) -> Parameter:
     effect, _, parameter = name.rpartition(".")
     if not effect:
         return PARAMETERS[name]
     return split_name(effect, result.model.known_effects, CHANNELS)[0].parameters[parameter]
 
 
-def _unit(result: Diagnosis, name: str) -> str:
-    return _declared(result, name).unit
-
-
-def _meaning(result: Diagnosis, name: str) -> str:
-    return _declared(result, name).meaning
+def _typical(result: Diagnosis, effect: str, parameter: str) -> float:
+    declared = _declared(result, _full(effect, parameter))
+    return abs(declared.typical or declared.default) or math.nan
 
 
 def _symbol(name: str) -> str:
@@ -439,7 +492,7 @@ def _full_symbol(name: str) -> str:
 
 def _size(result: Diagnosis, name: str) -> str:
     value, std = result.parameters[name]
-    return sized(value, std, _unit(result, name))
+    return sized(value, std, _declared(result, name).unit)
 
 
 def _summary(result: Diagnosis, name: str) -> str:

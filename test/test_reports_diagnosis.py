@@ -1,0 +1,163 @@
+"""The report of a diagnosis, for every verdict, from results made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_reports_browser import BROWSER, open_page
+
+from inductrack_ros.core.model import Model
+from inductrack_ros.diagnosis.gate import Test as GateTest
+from inductrack_ros.diagnosis.result import Diagnosis, Limit, Rival, RunTraces, Step, Unknown
+from inductrack_ros.reports.diagnosis_report import diagnosis_report, verdict
+
+NASTY = "<script>alert(1)</script>"
+NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4}
+DRAG, DELAY = "aerodynamic_drag", "sensor_delay:heave"
+
+
+def made(effects: tuple[str, ...] = (), **others) -> Diagnosis:
+    """A diagnosis that found ``effects``, the error falling tenfold with each."""
+    model = Model.create(effects=effects)
+    times = np.linspace(0, 1, 60)
+    subsets = [tuple(e for k, e in enumerate(effects) if mask >> k & 1) for mask in range(1 << len(effects))]
+    random = np.random.default_rng(1)
+    traces = []
+    for name, current in (("run_0", 7000.0), (NASTY, 0.0)):
+        measured = {c: np.sin(9 * times) * s * 40 + random.normal(0, s, 60) for c, s in NOISE.items()}
+        predicted = {
+            v: {c: np.sin(9 * times) * s * (40 - 9 * (len(effects) - len(v))) for c, s in NOISE.items()}
+            for v in subsets
+        }
+        traces.append(RunTraces(name, current, times, measured, predicted))
+    steps = []
+    for k in range(len(effects) + 1):
+        error = 10.0 ** (len(effects) - k)
+        by_channel = dict.fromkeys(NOISE, error)
+        by_run = {"run_0": error, NASTY: error}
+        steps.append(Step(effects[:k], error**2, 1.1 * error, by_channel, by_channel, by_run))
+    parameters = {"eta": (0.73, 1e-4), "gamma": (3.93, 2e-4)}
+    parameters |= {
+        f"{e}.{p}": (0.0123, 4e-4) for e in effects for p in model.known_effects[e.partition(":")[0]].parameters
+    }
+    rivals = []
+    for k, effect in enumerate(effects):
+        name = next(iter(model.known_effects[effect.partition(":")[0]].parameters))
+        where = {"run": {"run_0": 0.7, NASTY: 0.3}, "speed": {"0–10 m/s": 0.1, "10–20 m/s": 0.9}}
+        best = Rival(effect, effects[:k], 12345.6, 14.0, {name: 0.0123}, {name: 4e-4}, 1.02, True, "needed", where)
+        worse = Rival("skin_friction_drag", effects[:k], 812.0, 14.0, {"wetted_area": 1.2}, {"wetted_area": 0.1}, 1.4)
+        rivals += [worse, best]
+    if not effects:
+        rivals = [
+            Rival("cg_offset", (), 3.0, 14.0, {"offset": 1e-6}, {"offset": 2e-6}, None, False, "no more than chance")
+        ]
+    return replace(
+        Diagnosis(
+            campaign=f"rig {NASTY}",
+            verdict="missing_effect" if effects else "adequate",
+            effects=effects,
+            model=model,
+            parameters=parameters,
+            indistinguishable={},
+            unknown=None,
+            next_experiment=None,
+            steps=tuple(steps),
+            rivals=tuple(rivals),
+            noise=NOISE,
+            noise_given=("surge",),
+            tests=(GateTest("whiteness of heave", 12.0, 12, -0.8),),
+            p_value=0.4,
+            traces=tuple(traces),
+        ),
+        **others,
+    )
+
+
+def unknown() -> Diagnosis:
+    at = np.linspace(0, 20, 80)
+    force = -12 * np.exp(-(((at - 8) / 0.6) ** 2))
+    found = Unknown("heave", ("surge",), -12.0, "N", at, force, np.full(80, 0.8), ("time",))
+    return made(
+        verdict="unknown_effect", unknown=found, next_experiment="Coast over 8 m at 20 m/s.", notes=("A note.",)
+    )
+
+
+def confused() -> Diagnosis:
+    return made(
+        (DRAG,),
+        indistinguishable={DRAG: ("skin_friction_drag",)},
+        next_experiment="Coast from 38 m/s for 2 s.",
+        separation={"skin_friction_drag": 14.2},
+    )
+
+
+def adequate() -> Diagnosis:
+    return made(limits=(Limit("aerodynamic_drag", "drag_area", "m²", 3e-4), Limit(DELAY, "delay", "s", 2e-5)))
+
+
+ALL = {
+    "adequate": adequate,
+    "one": lambda: made((DRAG,)),
+    "two": lambda: made((DRAG, DELAY)),
+    "confused": confused,
+    "unknown": unknown,
+}
+
+
+@pytest.mark.parametrize(
+    ("which", "sentence"),
+    [
+        ("adequate", "Nothing detectable is missing: what the model leaves is the sensors' noise."),
+        ("one", "Aerodynamic drag is missing; with it, what is left is noise."),
+        ("two", "Aerodynamic drag and sensor delay (heave) are missing; with them, what is left is noise."),
+        ("confused", "Aerodynamic drag or skin friction drag is missing; with it, what is left is noise."),
+        ("unknown", "No known effect explains a vertical force that depends on the place along the track."),
+    ],
+)
+def test_the_answer_is_one_sentence(which, sentence):
+    assert verdict(ALL[which]()) == sentence
+
+
+def test_rivals_of_one_of_two_effects_are_unambiguous():
+    result = made((DRAG, DELAY), indistinguishable={DRAG: ("skin_friction_drag",)})
+    assert verdict(result).startswith("Aerodynamic drag (or skin friction drag) and sensor delay (heave) are missing")
+
+
+@pytest.mark.parametrize("which", ALL)
+def test_what_users_named_is_text(which):
+    html = diagnosis_report(ALL[which]())
+    assert NASTY not in html
+    assert "rig &lt;script&gt;" in html
+
+
+def test_the_evidence_is_there():
+    html = diagnosis_report(made((DRAG,)))
+    for words in (
+        "0.0123 ± 0.0004 m²",
+        "from 10.0 to 1.00",
+        "from 11.0 to 1.10",
+        "Part of the evidence",
+        "skin friction drag",
+    ):
+        assert words in html
+    assert "14 standard deviations" in diagnosis_report(confused())
+    assert "would have shown" in diagnosis_report(adequate())
+    assert "It reaches <strong>12 N</strong>" in diagnosis_report(unknown())
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium or chrome in PATH: the reports are not opened")
+@pytest.mark.parametrize("which", ALL)
+def test_it_opens_without_a_complaint(which, tmp_path):
+    seen = open_page(
+        diagnosis_report(ALL[which]()),
+        tmp_path,
+        """
+        seen.plots = document.querySelectorAll(".plot").length;
+        seen.drawn = document.querySelectorAll(".plot > .plot-container").length;
+        seen.wide = document.documentElement.scrollWidth - innerWidth;
+        """,
+    )
+    assert seen["plots"] == seen["drawn"] >= 3
+    assert seen["wide"] <= 0
