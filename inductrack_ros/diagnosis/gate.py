@@ -59,7 +59,9 @@ class Gate:
 class Projector:
     """Takes the nuisance out of columns over all samples: initial states run by run, then the global parameters."""
 
-    def __init__(self, problem: Problem, fit: Fit):
+    def __init__(self, problem: Problem, fit: Fit, leave: Sequence[int] = ()):
+        """``leave``: indices of theta that are not nuisance and stay in."""
+        nuisance = [k for k in range(len(fit.theta)) if k not in set(leave)]
         self.rows, self.bases, residuals, thetas = [], [], [], []
         for data, part in zip(problem.runs, fit.linear, strict=True):
             good = np.isfinite(part.residual) & np.isfinite(part.by_theta).all(axis=1) & np.isfinite(part.by_state).all(axis=1)
@@ -68,7 +70,7 @@ class Projector:
             self.rows.append(good)
             self.bases.append(q)
             residuals.append(part.residual[good])
-            thetas.append(part.by_theta[good])
+            thetas.append(part.by_theta[good][:, nuisance])
         self.sizes = [r.size for r in residuals]
         self.theta = np.zeros((sum(self.sizes), 0))
         self.theta = _orthonormal(self(np.vstack(thetas))) if thetas[0].shape[1] else self.theta

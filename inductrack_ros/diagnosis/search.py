@@ -29,6 +29,7 @@ class Trial:
     fit: Fit
     names: tuple[str, ...]
     full: bool
+    occam: float = 0.0  # what its stand-ins' freedom costs
 
     @property
     def chi2(self) -> float:
@@ -65,14 +66,15 @@ class Search:
     def grow(self, trial: Trial, limit: int) -> list[Trial]:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them fully refitted."""
         standing = self.screened(trial)[:limit]
-        quick = self._map(lambda s: self._refit(trial, s.candidate, quick=True), standing)
+        quick = self.map(lambda s: self._refit(trial, s.candidate, quick=True), standing)
         best = sorted((t for t in quick if t), key=lambda t: t.chi2)
-        full = self._map(self._finish, best[:FULL])
+        full = self.map(self._finish, best[:FULL])
         for t in [*best[FULL:], *full]:
             self._keep(t)
         return sorted([*full, *best[FULL:]], key=lambda t: t.chi2)
 
-    def _map(self, task: Callable, items: Sequence) -> list:
+    def map(self, task: Callable, items: Sequence) -> list:
+        """``task`` of every item, over the threads."""
         with ThreadPoolExecutor(self.problem.threads) as pool:
             return list(pool.map(task, items))
 
@@ -94,12 +96,12 @@ class Search:
             new = fit(self.single, structure, trial.fit.states, theta, iterations=3, tolerance=1.0, reuse=reuse)
             if best is None or new.chi2 < best.chi2:
                 best = new
-        return Trial(best, (*trial.names, candidate.name), False) if best is not None and np.isfinite(best.chi2) else None
+        return Trial(best, (*trial.names, candidate.name), False, trial.occam) if best is not None and np.isfinite(best.chi2) else None
 
     def _finish(self, trial: Trial) -> Trial:
         """A quick trial refitted to convergence."""
         f = trial.fit
-        return Trial(fit(self.single, f.structure, f.states, f.theta, iterations=15), trial.names, True)
+        return Trial(fit(self.single, f.structure, f.states, f.theta, iterations=15), trial.names, True, trial.occam)
 
     def without(self, trial: Trial, name: str) -> Trial:
         """The trial refitted with one effect taken out."""

@@ -7,29 +7,33 @@ simulation as a ``stand_in_*`` effect, whose table is refined where the force ac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.effects.stand_in import TABLE
 from ..core.state import COORDINATES
 from ..estimation.fit import fit
+from ..estimation.structure import roughness
 from .gate import Projector
 from .search import Search, Trial
 from .signatures import VARIABLES, RunResponse, basis, in_coordinate, moving_coordinates, responses
 
-#: Intervals of the table that every variable is tried with, and the finer ones for the most promising; each is
-#: also halved again and again, which costs nothing more.
-INTERVALS, FINER, FINEST = 24, 48, 160
-#: Shapes refitted in full simulation.
-FULL = 3
+#: Intervals of the table that every variable is tried with, and of the finer one for the best along the track or in time.
+INTERVALS, FINEST = 32, 160
+#: Weights of roughness tried, relative to the data's weight on the table.
+WEIGHTS = np.logspace(-9, 9, 37)
+#: Shapes refitted in full simulation, and how often the best is laid anew.
+FULL, REFINEMENTS = 3, 3
 #: A force below this part of its peak counts as none, and a table that is mostly none is laid anew over the rest.
 ACTIVE, ZOOM = 0.05, 0.4
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A force in ``coordinate`` on ``variable`` as a table, with the penalised fall in χ² it promises."""
+    """A force in ``coordinate`` on ``variable`` as a table, with twice the log evidence it promises over none.
+
+    ``weight`` is that of its roughness, ``occam`` the part of the fall in χ² that its freedom alone would have bought.
+    """
 
     coordinate: str
     variable: str
@@ -37,6 +41,8 @@ class Shape:
     step: float
     values: np.ndarray
     promise: float
+    weight: float
+    occam: float
 
     @property
     def name(self) -> str:
@@ -61,21 +67,14 @@ def shapes(search: Search, trial: Trial) -> list[Shape]:
     runs = responses(problem, f)
     project = Projector(problem, f)
     taken = {n for n in trial.names if n.startswith("stand_in")}
+    spans = {v: span for v in VARIABLES if (span := _span(runs, v)) is not None}
     found = []
     for coordinate in moving_coordinates(problem.dof):
         if f"stand_in_{COORDINATES[coordinate]}" not in taken:
-            for variable in VARIABLES:
-                if (span := _span(runs, variable)) is not None:
-                    intervals = 6 if variable == "drive" else INTERVALS
-                    found.append(_linear(runs, project, coordinate, variable, *span, intervals))
+            tables = [(v, *span, 6 if v == "drive" else INTERVALS) for v, span in spans.items()]
+            found += _linear(runs, project, project.residual, coordinate, tables)
     found.sort(key=lambda s: -s.promise)
-    for i, shape in enumerate(found[: 2 * FULL]):
-        finest = FINEST if shape.variable in ("surge", "time") else FINER
-        if len(shape.values) > INTERVALS and shape.variable != "drive":
-            span = _span(runs, shape.variable)
-            finer = _linear(runs, project, COORDINATES.index(shape.coordinate), shape.variable, *span, finest)
-            found[i] = max(shape, finer, key=lambda s: s.promise)
-    return sorted(found, key=lambda s: -s.promise)
+    return [_zoomed(runs, project, project.residual, s) for s in found[:FULL]] + found[FULL:]
 
 
 def _span(runs: Sequence[RunResponse], variable: str) -> tuple[float, float] | None:
@@ -87,41 +86,89 @@ def _span(runs: Sequence[RunResponse], variable: str) -> tuple[float, float] | N
     return (float(low), float(high)) if high - low > 1e-6 * max(abs(low), abs(high), 1e-9) else None
 
 
-def _linear(runs, project, coordinate, variable, low, high, intervals) -> Shape:
-    """The table that fits the residual best to first order, lightly ridged, and its fall in χ² less log N a coefficient.
+def _linear(runs, project, residual, coordinate, tables) -> list[Shape]:
+    """To first order, the smooth table that fits a residual best for each of ``tables`` (variable, low, high, intervals).
 
-    The table has ``intervals`` of them or a half, a quarter … of that, whichever promises most.
+    How smooth is decided by the evidence: the likelihood of the residual with the table's values integrated out.
     """
-    step = (high - low) / intervals
-    fine = project(project.stack([r.respond(in_coordinate(coordinate, basis(r.variables[variable], low, step, intervals + 1))) for r in runs]))
-    gram, score = fine.T @ fine, fine.T @ project.residual
-    u = np.linspace(low, high, 4 * intervals + 1)
-    best: Shape | None = None
-    while intervals >= 3:
-        size = (high - low) / intervals
-        # A coarser table's columns are combinations of the finest one's.
-        mix = np.linalg.lstsq(basis(u, low, step, len(gram)), basis(u, low, size, intervals + 1), rcond=None)[0]
-        g, s = mix.T @ gram @ mix, mix.T @ score
-        values = np.linalg.solve(g + 1e-6 * np.trace(g) / len(g) * np.eye(len(g)) + 1e-300 * np.eye(len(g)), s)
-        fall = float(2 * values @ s - values @ g @ values)
-        shape = Shape(COORDINATES[coordinate], variable, low, size, values, fall - len(g) * np.log(len(project.residual)))
-        if best is None or shape.promise > best.promise:
-            best = shape
-        intervals //= 2
-    return best
+    blocks = [basis_of(runs, v, low, (high - low) / n, n + 1) for v, low, high, n in tables]
+    edges = np.cumsum([0] + [b[0].shape[1] for b in blocks])
+    responded = [r.respond(in_coordinate(coordinate, np.hstack([b[i] for b in blocks]))) for i, r in enumerate(runs)]
+    columns = project(project.stack(responded))
+    shapes_ = []
+    for (variable, low, high, n), a, b in zip(tables, edges[:-1], edges[1:], strict=True):
+        gram, score = columns[:, a:b].T @ columns[:, a:b], columns[:, a:b].T @ residual
+        unit = np.trace(gram) / len(gram)
+        best = max((_evidence(gram, score, unit * w) for w in WEIGHTS), key=lambda e: e[0])
+        promise, values, weight, fall = best
+        shapes_.append(Shape(COORDINATES[coordinate], variable, low, (high - low) / n, values, promise, weight, fall - promise))
+    return shapes_
+
+
+def _evidence(gram, score, weight):
+    """Twice the log evidence of a table over none, its values, the weight itself and the fall in χ²."""
+    prior = roughness(len(gram), weight)
+    posterior = gram + prior
+    values = np.linalg.solve(posterior, score)
+    occam = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(prior)[1]
+    return float(values @ score - occam), values, weight, float(2 * values @ score - values @ gram @ values)
+
+
+def basis_of(runs: Sequence[RunResponse], variable: str, start: float, step: float, count: int) -> list[np.ndarray]:
+    """Basis functions (n, count) of a variable along each run."""
+    return [basis(r.variables[variable], start, step, count) for r in runs]
+
+
+def _zoomed(runs, project, residual, shape: Shape) -> Shape:
+    """The shape laid anew where its force acts, if that is a small part of the range."""
+    count = len(shape.values)
+    u = shape.start + np.linspace(0, count - 1, 10 * count) * shape.step
+    force = basis(u, shape.start, shape.step, count) @ shape.values
+    force -= np.median(force)
+    on = np.abs(force) > ACTIVE * np.abs(force).max()
+    if not on.any() or on.mean() > ZOOM:
+        return shape
+    low, high = u[on].min() - 2 * shape.step, u[on].max() + 2 * shape.step
+    table = (shape.variable, float(low), float(high), INTERVALS)
+    return max(shape, *_linear(runs, project, residual, COORDINATES.index(shape.coordinate), [table]), key=lambda s: s.promise)
 
 
 def stand_ins(search: Search, trial: Trial, limit: int = FULL) -> list[Trial]:
     """The trial with a stand-in, for the most promising shapes, refitted in full simulation; best first."""
-    candidates = shapes(search, trial)[:limit]
-    done = [t for t in search._map(lambda s: _refit(search, trial, s), candidates) if t is not None]
-    done = [_zoomed(search, trial, t) for t in done[:1]] + done[1:] if done else done
-    return sorted(done, key=lambda t: penalised(search, t))
+    done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search, trial)[:limit]) if t is not None]
+    done.sort(key=lambda t: penalised(search, t))
+    for _ in range(REFINEMENTS if done else 0):
+        finer = _refit(search, trial, _relaid(search, done[0]))
+        if finer is None or penalised(search, finer) > penalised(search, done[0]) - 1.0:
+            break
+        done[0] = finer
+    return done
+
+
+def _relaid(search: Search, trial: Trial) -> Shape:
+    """The last stand-in's shape anew from where it stands: finer where it must be, as smooth as the evidence says."""
+    f, name = trial.fit, trial.names[-1]
+    table = [k for k, n in enumerate(f.structure.free) if n.startswith(f"{name}.values[")]
+    runs = responses(search.problem, f)
+    project = Projector(search.problem, f, leave=table)
+    effect = f.model.effects[name]
+    coordinate, variable = COORDINATES.index(name.removeprefix("stand_in_")), VARIABLES[int(effect["variable"])]
+    now = basis_of(runs, variable, effect["start"], effect["step"], int(effect["knots"]))
+    made = project.stack([r.respond(in_coordinate(coordinate, b @ np.array(effect["values"])[:, None])) for r, b in zip(runs, now, strict=True)])
+    residual = project(made)[:, 0] + project.residual
+    low, high = _span(runs, variable)
+    sizes = {"drive": (6,), "surge": (INTERVALS, FINEST), "time": (INTERVALS, FINEST)}.get(variable, (INTERVALS,))
+    wide = _linear(runs, project, residual, coordinate, [(variable, low, high, n) for n in sizes])
+    end = effect["start"] + (effect["knots"] - 1) * effect["step"]
+    same = _linear(runs, project, residual, coordinate, [(variable, effect["start"], end, INTERVALS)])
+    best = max([*wide, *(same if variable != "drive" else [])], key=lambda s: s.promise)
+    return _zoomed(runs, project, residual, best)
 
 
 def _refit(search: Search, trial: Trial, shape: Shape) -> Trial | None:
     search.tell(" + ".join([*trial.names, f"any force in {shape.coordinate} on {shape.variable}"]))
-    structure = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
+    plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
+    structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})
     theta = structure.start.copy()
     theta[: len(trial.fit.theta)] = trial.fit.theta
     best = None
@@ -136,40 +183,14 @@ def _refit(search: Search, trial: Trial, shape: Shape) -> Trial | None:
     if best is None:
         return None
     final = fit(search.single, structure, best.states, best.theta, iterations=4, tolerance=1.0)
-    return Trial(final, (*trial.names, shape.name), True)
-
-
-def _zoomed(search: Search, base: Trial, trial: Trial) -> Trial:
-    """The stand-in laid anew where its force acts, if that is a small part of the range."""
-    name = next(n for n in trial.names if n.startswith("stand_in"))
-    table = trial.fit.model.effects[name]
-    count = int(table["knots"])
-    u = table["start"] + np.arange(0, count - 1, 0.1) * table["step"]
-    force = basis(u, table["start"], table["step"], count) @ np.array(table["values"])
-    force = force - np.median(force)
-    on = np.abs(force) > ACTIVE * np.abs(force).max()
-    if count < 12 or on.mean() > ZOOM:
-        return trial
-    low, high = u[on].min() - 2 * table["step"], u[on].max() + 2 * table["step"]
-    if high - low > 0.8 * (u[-1] - u[0]):
-        return trial
-    best = trial
-    for finer in (12, 24, 40):
-        step = (high - low) / (finer - 1)
-        if finer > TABLE or step > table["step"]:
-            continue
-        x = low + np.arange(finer) * step
-        values = np.interp(x, u, force)
-        shape = Shape(name.removeprefix("stand_in_"), VARIABLES[int(table["variable"])], float(low), float(step), values, 0.0)
-        new = _refit(search, base, shape)
-        if new is not None and penalised(search, new) < penalised(search, best):
-            best = new
-    return best
+    return Trial(final, (*trial.names, shape.name), True, trial.occam + shape.occam)
 
 
 def penalised(search: Search, trial: Trial) -> float:
-    """χ² plus what its effects cost: log N a parameter, and twice the log of how many rivals each was picked from."""
-    n = np.log(trial.fit.samples)
-    extra = len(trial.fit.theta) - len(search.base.theta)
+    """χ² plus what a set of effects costs.
+
+    log N for a parameter, twice the log of how many rivals each effect was picked from, and for a stand-in the evidence's own price.
+    """
+    plain = [f for f in trial.fit.structure.free if "values[" not in f and f not in search.base.structure.free]
     picked = sum(2 * np.log(4 * len(VARIABLES) if e.startswith("stand_in") else 45) for e in trial.names)
-    return trial.chi2 + n * extra + picked
+    return trial.chi2 + np.log(trial.fit.samples) * len(plain) + picked + trial.occam

@@ -13,10 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from .problem import STATE_PRIOR, Linearisation, Problem
-from .structure import Structure
+from .structure import THETA_PRIOR, Structure
 
-#: Prior of a free parameter about its start, in typical sizes: only keeps what the data say nothing about where it is.
-THETA_PRIOR = 300.0
 #: A parameter whose standard deviation stays above this part of its prior is one the data cannot determine.
 UNDETERMINED = 0.3
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
@@ -102,11 +100,11 @@ def fit(
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     low, high = structure.bounds
     theta = np.clip(theta, low, high)
-    centre = structure.start.copy()
+    centre, precision = structure.centre, structure.precision
     states = [np.array(s if s is not None else d.guess) for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)]
 
     def penalty(th: np.ndarray, xs: Sequence[np.ndarray]) -> float:
-        total = float(np.sum(((th - centre) / THETA_PRIOR) ** 2))
+        total = float((th - centre) @ precision @ (th - centre))
         for x, d in zip(xs, problem.runs, strict=True):
             f = d.free_states
             total += float(np.sum(((x - d.guess)[f] / STATE_PRIOR[f]) ** 2))
@@ -120,7 +118,7 @@ def fit(
     for _ in range(iterations):
         accepted = False
         for _ in range(8):
-            step, local, gain = _solve(problem, linear, theta, centre, states, damping, until, low, high)
+            step, local, gain = _solve(problem, linear, theta, structure, states, damping, until)
             if gain < tolerance:
                 converged = True
                 break
@@ -143,7 +141,7 @@ def fit(
             converged = True
             break
     residuals = _within(problem, [part.residual for part in linear], until)
-    return Fit(structure, theta, tuple(states), chi_square(residuals), _covariance(problem, linear, until), tuple(linear), converged)
+    return Fit(structure, theta, tuple(states), chi_square(residuals), _covariance(problem, structure, linear, until), tuple(linear), converged)
 
 
 def _blocks(data, part: Linearisation, until: float):
@@ -152,12 +150,12 @@ def _blocks(data, part: Linearisation, until: float):
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
 
 
-def _solve(problem, linear, theta, centre, states, damping, until, low, high):
+def _solve(problem, linear, theta, structure, states, damping, until):
     """Damped step of theta and of each run's states, and the fall in cost it promises."""
     g = len(theta)
-    prior = np.full(g, THETA_PRIOR**-2)
-    A = np.diag(prior)
-    b = prior * (centre - theta)
+    low, high = structure.bounds
+    A = structure.precision.copy()
+    b = A @ (structure.centre - theta)
     runs = []
     for data, part, x in zip(problem.runs, linear, states, strict=True):
         r, G, X = _blocks(data, part, until)
@@ -196,10 +194,10 @@ def _solve(problem, linear, theta, centre, states, damping, until, low, high):
     return step, local, gain
 
 
-def _covariance(problem, linear, until) -> np.ndarray:
+def _covariance(problem, structure, linear, until) -> np.ndarray:
     """Covariance of theta with the initial states estimated beside it."""
-    g = linear[0].by_theta.shape[1] if linear else 0
-    A = np.diag(np.full(g, THETA_PRIOR**-2))
+    g = len(structure.free)
+    A = structure.precision.copy()
     for data, part in zip(problem.runs, linear, strict=True):
         _, G, X = _blocks(data, part, until)
         C = X.T @ X + np.diag(STATE_PRIOR[part.free_states] ** -2.0)

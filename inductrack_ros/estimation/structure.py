@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,16 +18,29 @@ from ..core.state import CHANNELS, UNITS
 _BIAS = {"m": 1e-4, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2, "m/s²": 0.1, "rad/s²": 0.1}
 
 
+#: Prior of a free parameter about its start, in typical sizes: only keeps what the data say nothing about where it is.
+THETA_PRIOR = 300.0
+#: Prior standard deviation (N, N·m) of a stand-in's straight part.
+STRAIGHT = 100.0
+
+
+def roughness(count: int, weight: float) -> np.ndarray:
+    """Precision (count, count) of a table that is smooth: ``weight`` on second differences, next to nothing on the rest."""
+    second = np.diff(np.eye(count), 2, axis=0)
+    return weight * second.T @ second + np.eye(count) / STRAIGHT**2
+
+
 @dataclass(frozen=True)
 class Structure:
     """A model whose ``free`` parameters (full names, e.g. ``eta`` or ``aerodynamic_drag.drag_area``) are to be fitted.
 
     ``theta`` vectors hold the free parameters in their fit coordinates divided by `scale`, so that a unit step is a
-    typical change of each.
+    typical change of each. ``smoothness`` gives the weight of the squared second differences of a table by its effect.
     """
 
     model: Model
     free: tuple[str, ...]
+    smoothness: Mapping[str, float] = field(default_factory=dict)
 
     def declared(self, name: str) -> Parameter:
         """Declaration of a free parameter."""
@@ -62,6 +75,20 @@ class Structure:
         """Lower and upper bound of theta, each (g,)."""
         pairs = np.array([p.fit_bounds() for p in self.declarations]).reshape(-1, 2)
         return pairs[:, 0] / self.scale, pairs[:, 1] / self.scale
+
+    @cached_property
+    def precision(self) -> np.ndarray:
+        """Inverse covariance (g, g) of theta's prior about its start: wide, but for tables that are to be smooth."""
+        precision = np.diag(np.full(len(self.free), THETA_PRIOR**-2.0))
+        for effect, weight in self.smoothness.items():
+            mine = [i for i, f in enumerate(self.free) if f.startswith(f"{effect}.values[")]
+            precision[np.ix_(mine, mine)] = roughness(len(mine), weight) * self.scale[mine[0]] ** 2
+        return precision
+
+    @cached_property
+    def centre(self) -> np.ndarray:
+        """Theta's prior mean, (g,): where it starts, but nothing for tables."""
+        return np.where(["values[" in f for f in self.free], 0.0, self.start)
 
     @cached_property
     def start(self) -> np.ndarray:
@@ -153,12 +180,15 @@ class Structure:
         item, _ = split_name(name, self.model.known_effects, CHANNELS)
         start = {p: d.default for p, d in item.parameters.items()} | dict(values or {})
         model = self.model.with_changes(effects={**self.model.effects, name: start})
-        return Structure(model, self.free + tuple(f"{name}.{p}" for p in (item.parameters if free is None else free)))
+        added = tuple(f"{name}.{p}" for p in (item.parameters if free is None else free))
+        return Structure(model, self.free + added, self.smoothness)
 
     def minus(self, name: str) -> Structure:
         """This structure without one effect."""
         effects = {e: v for e, v in self.model.effects.items() if e != name}
-        return Structure(self.model.with_changes(effects=effects), tuple(f for f in self.free if f.rpartition(".")[0] != name))
+        smoothness = {e: w for e, w in self.smoothness.items() if e != name}
+        free = tuple(f for f in self.free if f.rpartition(".")[0] != name)
+        return Structure(self.model.with_changes(effects=effects), free, smoothness)
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -1,0 +1,164 @@
+"""What a diagnosis found, as the report shows it and `diagnosis.json` holds it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.model import Model
+
+VERDICTS = ("adequate", "missing_effect", "unknown_effect")
+
+
+@dataclass(frozen=True)
+class Step:
+    """The model with some effects: its error on the fitted runs and on runs the fit never saw.
+
+    ``errors`` and ``heldout_errors`` are RMS error over noise by channel; ``by_run`` by run name, fitted on all.
+    """
+
+    effects: tuple[str, ...]
+    reduced_chi2: float
+    heldout_nrmse: float
+    errors: Mapping[str, float] = field(default_factory=dict)
+    heldout_errors: Mapping[str, float] = field(default_factory=dict)
+    by_run: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Rival:
+    """One candidate in one round of the search.
+
+    ``chi2_fall``: what adding it to ``beside`` takes off χ²; ``threshold``: what chance alone would;
+    ``size`` and ``std`` by parameter; ``heldout_nrmse`` where it was tried on left-out runs; ``words`` say for and against.
+    ``where``: part of the fall by run, and by stretch of speed, gap and contact (label → part of the fall).
+    """
+
+    name: str
+    beside: tuple[str, ...]
+    chi2_fall: float
+    threshold: float
+    size: Mapping[str, float] = field(default_factory=dict)
+    std: Mapping[str, float] = field(default_factory=dict)
+    heldout_nrmse: float | None = None
+    chosen: bool = False
+    words: str = ""
+    where: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The smallest size of an effect that these data would have shown, in its parameter's unit."""
+
+    name: str
+    parameter: str
+    unit: str
+    size: float
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A misfit no effect explains: its coordinate, what it depends on, its peak, and its curve with a 95 % band."""
+
+    channel: str
+    depends_on: tuple[str, ...]
+    peak: float
+    unit: str
+    at: np.ndarray
+    force: np.ndarray
+    band: np.ndarray
+    rivals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RunTraces:
+    """One run for the report: measurements and what each set of effects predicts, by channel."""
+
+    name: str
+    drive_current: float
+    times: np.ndarray
+    measured: Mapping[str, np.ndarray]
+    predicted: Mapping[tuple[str, ...], Mapping[str, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything a diagnosis found; see /campaign/ in the docs for the JSON."""
+
+    campaign: str
+    verdict: str
+    effects: tuple[str, ...]
+    model: Model
+    parameters: Mapping[str, tuple[float, float]]
+    indistinguishable: Mapping[str, tuple[str, ...]]
+    unknown: Unknown | None
+    next_experiment: str | None
+    steps: tuple[Step, ...]
+    rivals: tuple[Rival, ...] = ()
+    limits: tuple[Limit, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
+    noise_given: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    tests: tuple[Any, ...] = ()
+    p_value: float = 1.0
+    traces: tuple[RunTraces, ...] = ()
+    separation: Mapping[str, float] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of ``diagnosis.json``: the contract's keys, and beside them notes, limits, rivals and noise."""
+        return _finite(
+            {
+                "verdict": self.verdict,
+                "effects": list(self.effects),
+                "parameters": {n: {"value": v, "std": s} for n, (v, s) in self.parameters.items()},
+                "indistinguishable": {n: list(r) for n, r in self.indistinguishable.items()},
+                "unknown": None
+                if self.unknown is None
+                else {
+                    "channel": self.unknown.channel,
+                    "depends_on": list(self.unknown.depends_on),
+                    "peak": self.unknown.peak,
+                    "unit": self.unknown.unit,
+                },
+                "next_experiment": self.next_experiment,
+                "steps": [
+                    {"effects": list(s.effects), "reduced_chi2": s.reduced_chi2, "heldout_nrmse": s.heldout_nrmse}
+                    for s in self.steps
+                ],
+                "notes": list(self.notes),
+                "p_value": self.p_value,
+                "noise_std": {c: {"value": v, "given": c in self.noise_given} for c, v in self.noise.items()},
+                "limits": {x.name: {"parameter": x.parameter, "value": x.size, "unit": x.unit} for x in self.limits},
+                "rivals": [
+                    {"effect": r.name, "beside": list(r.beside), "chi2_fall": r.chi2_fall, "threshold": r.threshold, "chosen": r.chosen}
+                    for r in self.rivals
+                ],
+            }
+        )
+
+    def write(self, folder: Path) -> None:
+        """Write ``diagnosis.json`` and ``model.yaml`` into a folder."""
+        (folder / "diagnosis.json").write_text(json.dumps(self.to_json(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        found = ", ".join(self.effects) or "no effect added"
+        comment = f"Diagnosis of {self.campaign}: {self.verdict.replace('_', ' ')}; {found}."
+        if any(n.startswith("stand_in") for n in self.model.effects):
+            comment += "\nstand_in_* is a smooth force in place of unknown physics: it predicts, it explains nothing."
+        self.model.save(folder / "model.yaml", comment)
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity and no NaN: null instead."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_finite(v) for v in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value
