@@ -8,17 +8,18 @@
 All nodes live in one namespace and refer to topics by relative names, so that two rigs fit on one domain.
 """
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+from launch import LaunchDescription
+
 ARGUMENTS = {
     "params_file": (
         PathJoinSubstitution([FindPackageShare("inductrack_ros"), "config", "default.yaml"]),
-        "ROS 2 parameter file for all nodes: a model that `inductrack diagnose` wrote, or a copy of config/default.yaml",
+        "parameter file for all nodes: a model that `inductrack diagnose` wrote, or a copy of config/default.yaml",
     ),
     "namespace": ("inductrack", "namespace of all nodes and topics"),
     "drive": ("averaged", "averaged (no controller needed) or pulses (the track controller fires the coils)"),

@@ -43,8 +43,8 @@ class Process:
     def __init__(self, what: str, *args: str, folder: Path) -> None:
         number = len(list(folder.glob("*.log")))
         self._log = folder / f"{number:02d}_{Path(what).stem}.log"
-        script = Path(sys.executable).with_name(what)  # as a user starts it; a file of the test's own otherwise
-        command = [sys.executable, what] if what.endswith(".py") else [str(script)]
+        # A node as a user starts it, or a file.
+        command = [sys.executable, what] if what.endswith(".py") else [str(Path(sys.executable).parent / what)]
         with self._log.open("w") as log:
             self._process = subprocess.Popen([*command, *args], stdout=log, stderr=subprocess.STDOUT, cwd=folder)
 

@@ -6,12 +6,8 @@ import hashlib
 from pathlib import Path
 
 import numpy as np
-import pytest
-from rosbags.rosbag2 import Reader
-
-pytest.importorskip("rclpy")
-
 from geometry_msgs.msg import PointStamped, TwistStamped
+from rosbags.rosbag2 import Reader
 from std_srvs.srv import SetBool, Trigger
 
 from inductrack_ros.core.model import Model, Pulses
@@ -71,7 +67,7 @@ def record_lockstep(ros, bag: Path, until: float) -> dict[str, str]:
         for connection, time_ns, raw in reader.messages():
             if time_ns <= until * 1e9:
                 digests.setdefault(connection.topic, hashlib.sha256()).update(time_ns.to_bytes(8, "little") + raw)
-    assert {"/inductrack/pose", "/inductrack/drive_pulses", "/inductrack/measured/pose"} <= set(digests) and len(every) > 20
+    assert set(every) - {"/inductrack/forces"} == set(digests)  # arrows are drawn only for who looks
     return {topic: digest.hexdigest() for topic, digest in digests.items()}
 
 

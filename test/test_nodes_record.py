@@ -11,17 +11,15 @@ import time
 from pathlib import Path
 
 import pytest
+from geometry_msgs.msg import PoseStamped
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from inductrack_ros.core.errors import InputError
+from inductrack_ros.core.state import STATES
 from inductrack_ros.data.bags import read_bag, write_bag
 from inductrack_ros.nodes.bag import SegmentedBag
-
-pytest.importorskip("rclpy")
-
-from geometry_msgs.msg import PoseStamped
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -137,7 +135,7 @@ def test_a_segmented_bag_reads_like_any_other(tmp_path):
     write_bag(
         tmp_path / "plain",
         [0.0, 0.5, 1.0],
-        {c: [0.0, 1.0, 2.0] for c in ("surge", "sway", "heave", "roll", "surge_rate", "sway_rate", "heave_rate", "roll_rate")},
+        {c: [0.0, 1.0, 2.0] for c in STATES},
         start=5.0,
     )  # fmt: skip
     ours = SegmentedBag(tmp_path / "ours")
@@ -151,7 +149,8 @@ def test_a_segmented_bag_reads_like_any_other(tmp_path):
     both = []
     for name in ("plain", "ours"):
         with Reader(tmp_path / name) as reader:
-            both.append((reader.start_time, reader.duration, sorted((c.topic, t, raw) for c, t, raw in reader.messages())))
+            messages = sorted((c.topic, time_ns, raw) for c, time_ns, raw in reader.messages())
+            both.append((reader.start_time, reader.duration, messages))
     assert both[0] == both[1]
     with pytest.raises(InputError, match="not known"):
         ours.add_topic("/odd", "my_msgs/msg/Odd")

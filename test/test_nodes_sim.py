@@ -9,9 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
@@ -48,8 +45,10 @@ def test_what_is_published_is_the_model_in_ros_axes(ros):
     heard = {topic: ros.listen(kind, f"/inductrack/{topic}") for topic, kind in topics.items()}
     clock = ros.listen(Clock, "/clock")
     start = "surge_rate=15.5,sway=0.002,roll=0.01"
-    given = options(publish_clock="true", initial_state=f"'{start}'", effects="[aerodynamic_drag]",
-                    aerodynamic_drag__drag_area=0.03, measured__pose__rate=100.0, details_rate=100.0, paused="true")  # fmt: skip
+    given = options(
+        publish_clock="true", initial_state=f"'{start}'", effects="[aerodynamic_drag]", paused="true",
+        aerodynamic_drag__drag_area=0.03, measured__pose__rate=100.0, details_rate=100.0,
+    )  # fmt: skip
     sim = ros.start("sim", *given)
     publishers = ros.node.get_publishers_info_by_topic
     ros.wait(lambda: all(publishers(f"/inductrack/{topic}") for topic in topics), "all publishers")
@@ -121,7 +120,8 @@ def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
 
     assert ros.set_parameter("/inductrack/sim", "viscous_drag.coefficient", 2.0).successful
     ros.wait(lambda: viscous[-1].wrench.force.x < -1.9 * twist[-1].twist.linear.x, "the new coefficient to count")
-    for name, value in (("eta", 0.75), ("drive_current", 6000.0), ("speed_factor", 0.5), ("stand_in_heave.values", [0.5, 0.0]), ("measured.heave.noise", 0.0)):
+    live = {"eta": 0.75, "drive_current": 6000.0, "speed_factor": 0.5, "stand_in_heave.values": [0.5, 0.0]}
+    for name, value in (live | {"measured.heave.noise": 0.0}).items():
         assert ros.set_parameter("/inductrack/sim", name, value).successful
     for name, value, says in (("eta", 20.0, "10.0"), ("speed_factor", -1.0, "0.001"), ("rate", 100.0, "rate")):
         result = ros.set_parameter("/inductrack/sim", name, value)

@@ -19,7 +19,9 @@ import yaml
 
 ROOT = Path(__file__).parent.parent
 #: What a build needs; not .venv, not what other builds left.
-SOURCES = ("setup.py", "setup.cfg", "package.xml", "pyproject.toml", "resource", "config", "launch", "rviz", "inductrack_ros")
+SOURCES = (
+    "setup.py", "setup.cfg", "package.xml", "pyproject.toml", "resource", "config", "launch", "rviz", "inductrack_ros",
+)  # fmt: skip
 NODES = ("sim", "track_controller", "record", "inductrack")
 
 
@@ -36,8 +38,10 @@ def workspace(tmp_path_factory) -> Path:
     package = folder / "src" / "inductrack_ros"
     package.mkdir(parents=True)
     for name in SOURCES:
-        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
-        copy(ROOT / name, package / name, **({"ignore": shutil.ignore_patterns("__pycache__")} if copy is shutil.copytree else {}))
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, package / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / name, package / name)
     (package / "test").mkdir()
     shutil.copy(ROOT / "test" / "test_frames.py", package / "test")
     run(colcon(), "--log-base", "log", "build", cwd=folder)
@@ -58,7 +62,8 @@ def test_colcon_build_puts_everything_where_ros_looks(workspace):
     share = prefix / "share/inductrack_ros"
     for name in ("package.xml", "launch/inductrack.launch.py", "config/default.yaml", "rviz/forces.rviz"):
         assert (share / name).is_file(), name
-    assert "usage: inductrack" in run(str(prefix / "lib/inductrack_ros/inductrack"), "-h", cwd=workspace, PYTHONPATH=str(site(prefix)))
+    command = str(prefix / "lib/inductrack_ros/inductrack")
+    assert "usage: inductrack" in run(command, "-h", cwd=workspace, PYTHONPATH=str(site(prefix)))
 
 
 def site(prefix: Path) -> Path:
@@ -104,20 +109,17 @@ def test_package_xml_agrees_with_setup_py():
 def test_entry_points_exist():
     ours = {e.name: e for e in entry_points(group="console_scripts") if e.value.startswith("inductrack_ros")}
     assert set(NODES) <= set(ours)
-    if shutil.which("ros2") or _has_rclpy():
-        assert all(callable(ours[name].load()) for name in NODES)
+    assert all(callable(ours[name].load()) for name in NODES)
 
 
-def _has_rclpy() -> bool:
-    try:
-        import rclpy  # noqa: F401
-    except ImportError:
-        return False
-    return True
+def test_make_uses_a_sourced_distribution_and_brings_ros_otherwise():
+    bare = run("make", "-n", "setup", "VENV=none", "AMENT_PREFIX_PATH=", cwd=ROOT)
+    sourced = run("make", "-n", "setup", "VENV=none", "AMENT_PREFIX_PATH=/opt/ros/jazzy", "ROS_DISTRO=jazzy", cwd=ROOT)
+    assert "'.[test,ros]'" in bare and "--system-site-packages" not in bare
+    assert "'.[test]'" in sourced and "--system-site-packages" in sourced
 
 
 def test_parameter_file_and_rviz_configuration_name_what_exists():
-    pytest.importorskip("rclpy")
     from inductrack_ros.core.model import Model, read_parameter_file
     from inductrack_ros.nodes import sim, track_controller
 

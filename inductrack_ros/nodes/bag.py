@@ -145,7 +145,7 @@ class SegmentedBag:
         )
         text = _METADATA.format(
             version=VERSION, duration=end - start, start=start, count=self.message_count,
-            topics=topics or " []", paths="".join(f"\n    - {n}" for n, *_ in self._files) or " []", files=files or " []",
+            paths="".join(f"\n    - {n}" for n, *_ in self._files) or " []", topics=topics or " []", files=files or " []",
         )  # fmt: skip
         new = self.path / "metadata.yaml.new"
         new.write_text(text, encoding="utf8")

@@ -39,7 +39,7 @@ class Simulation:
         self.queue.pulse_length = model.parameters["pulse_length"]
 
     def tick(self) -> list[Pulse]:
-        """Advance one tick; returns the pulses that began in it. Raises `InputError` when the motion leaves all bounds."""
+        """Advance one tick; returns the pulses that began. Raises `InputError` when the motion leaves all bounds."""
         start, end = self.time, (self.ticks + 1) / self.rate
         pulses, begun = self.queue.step(start, end)
         x = self.model.advance(self.x, start, end, pulses=pulses, origin=self._origin)

@@ -107,7 +107,9 @@ class SimulatorTopics:
         self._pose.publish(self._pose_message(stamp, x[:4]))
         self._twist.publish(self._twist_message(stamp, x[4:8]))
 
-    def details(self, stamp: Time, x: np.ndarray, truth: Mapping[str, float], wrenches: Mapping[str, np.ndarray]) -> None:
+    def details(
+        self, stamp: Time, x: np.ndarray, truth: Mapping[str, float], wrenches: Mapping[str, np.ndarray]
+    ) -> None:
         """What is wanted less often: odometry, gaps, forces apart, arrows, transform."""
         odometry = self._new(Odometry, stamp)
         odometry.child_frame_id = self._frames[1]
