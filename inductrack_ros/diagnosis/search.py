@@ -68,7 +68,7 @@ class Search:
         standing = self.screened(trial)[:limit]
         quick = self.map(lambda s: self._refit(trial, s.candidate, quick=True), standing)
         best = sorted((t for t in quick if t), key=lambda t: t.chi2)
-        full = self.map(self._finish, best[:FULL])
+        full = self.map(self.finish, best[:FULL])
         for t in [*best[FULL:], *full]:
             self._keep(t)
         return sorted([*full, *best[FULL:]], key=lambda t: t.chi2)
@@ -98,10 +98,12 @@ class Search:
                 best = new
         return Trial(best, (*trial.names, candidate.name), False, trial.occam) if best is not None and np.isfinite(best.chi2) else None
 
-    def _finish(self, trial: Trial) -> Trial:
+    def finish(self, trial: Trial) -> Trial:
         """A quick trial refitted to convergence."""
         f = trial.fit
-        return Trial(fit(self.single, f.structure, f.states, f.theta, iterations=15), trial.names, True, trial.occam)
+        done = Trial(fit(self.single, f.structure, f.states, f.theta, iterations=15), trial.names, True, trial.occam)
+        self._keep(done)
+        return done
 
     def without(self, trial: Trial, name: str) -> Trial:
         """The trial refitted with one effect taken out."""

@@ -24,6 +24,8 @@ INTERVALS, FINEST = 32, 160
 WEIGHTS = np.logspace(-9, 9, 37)
 #: Shapes refitted in full simulation, and how often the best is laid anew.
 FULL, REFINEMENTS = 3, 3
+#: Shapes that promise less than this part of the best are not refitted.
+CLOSE = 0.8
 #: A force below this part of its peak counts as none, and a table that is mostly none is laid anew over the rest.
 ACTIVE, ZOOM = 0.05, 0.4
 
@@ -135,10 +137,12 @@ def _zoomed(runs, project, residual, shape: Shape) -> Shape:
 
 def stand_ins(search: Search, trial: Trial, limit: int = FULL) -> list[Trial]:
     """The trial with a stand-in, for the most promising shapes, refitted in full simulation; best first."""
-    done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search, trial)[:limit]) if t is not None]
+    found = shapes(search, trial)[:limit]
+    found = [s for s in found if s.promise > max(CLOSE * found[0].promise, 0.0)]
+    done = [t for t in search.map(lambda s: _refit(search, trial, s), found) if t is not None]
     done.sort(key=lambda t: penalised(search, t))
     for _ in range(REFINEMENTS if done else 0):
-        finer = _refit(search, trial, _relaid(search, done[0]))
+        finer = _refit(search, trial, _relaid(search, done[0]), done[0])
         if finer is None or penalised(search, finer) > penalised(search, done[0]) - 1.0:
             break
         done[0] = finer
@@ -165,25 +169,28 @@ def _relaid(search: Search, trial: Trial) -> Shape:
     return _zoomed(runs, project, residual, best)
 
 
-def _refit(search: Search, trial: Trial, shape: Shape) -> Trial | None:
+def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:
+    """The trial with this stand-in, fitted; started from ``near``, an earlier fit of nearly the same, where there is one."""
     search.tell(" + ".join([*trial.names, f"any force in {shape.coordinate} on {shape.variable}"]))
     plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
     structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})
+    source = (near or trial).fit
     theta = structure.start.copy()
-    theta[: len(trial.fit.theta)] = trial.fit.theta
+    theta[: len(trial.fit.theta)] = source.theta[: len(trial.fit.theta)]
     best = None
     for scale in (1.0, 0.0):  # from the first-order shape, or from nothing where that leads astray
         start = theta.copy()
         start[len(trial.fit.theta) :] *= scale
-        new = fit(search.single, structure, trial.fit.states, start, iterations=8, tolerance=2.0, reuse=trial.fit.linear)
+        new = fit(search.problem, structure, source.states, start, iterations=6, tolerance=3.0, reuse=source.linear)
         if np.isfinite(new.chi2) and (best is None or new.chi2 < best.chi2):
             best = new
         if best is not None and best.chi2 < trial.chi2:
             break
     if best is None:
         return None
-    final = fit(search.single, structure, best.states, best.theta, iterations=4, tolerance=1.0)
-    return Trial(final, (*trial.names, shape.name), True, trial.occam + shape.occam)
+    if near is not None:
+        best = fit(search.problem, structure, best.states, best.theta, iterations=3, tolerance=1.0)
+    return Trial(best, (*trial.names, shape.name), True, trial.occam + shape.occam)
 
 
 def penalised(search: Search, trial: Trial) -> float:

@@ -22,7 +22,7 @@ LEVEL = 0.95  # of every interval stated here
 #: Past this relative half width of an interval, or without an end to it, the answer is called a flat valley.
 FLAT = 0.25
 #: Profiles are followed to this relative distance from the best value; an interval that does not end there has no end.
-REACH = 1.0
+REACH = 0.9
 #: Residual where the model cannot be simulated.
 FAR = 1e9
 #: Residuals less likely than this under the stated noise alone are remarked upon.

@@ -17,13 +17,14 @@ from ..core.model import Model
 from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import UNITS
 from ..data.campaign import Campaign
-from .fit import fit_from_scratch
+from .fit import fit, fit_from_scratch
 from .problem import STATE_PRIOR, Problem
 from .structure import Structure
 
 Array = NDArray[np.float64]
 
 DURATION = 2.0  # s, the time Figure 6 of the paper counts travel over
+LATERAL = {"sway", "roll", "sway_rate", "roll_rate", "gap_right", "gap_left", "sway_acceleration", "roll_acceleration"}
 COLUMNS = ("initial_speed", "travel", "duration", "drive_current", "std")
 
 
@@ -31,7 +32,7 @@ class Misfit(Protocol):
     """Residuals (n,) at the values (p,) of the parameters ``free``.
 
     ``noise_known`` says whether residuals are over their standard deviation; where not, they share one that the fit estimates. ``nuisance``
-    counts what was fitted besides (initial states).
+    is by how much the residuals' degrees of freedom fall short of their number, besides the parameters.
     """
 
     free: tuple[str, ...]
@@ -170,8 +171,10 @@ def declarations(model: Model, free: Sequence[str]) -> list[Parameter]:
 class SeriesMisfit:
     """Residuals over noise of every sample of a campaign, each run's initial state fitted beside the parameters.
 
-    The first fit, over growing horizons, finds parameters and initial states; after it, an initial state follows the parameters by two
-    Gauss–Newton steps with the derivatives taken there. ``start`` (p,) is what the first fit found.
+    The first fit, over growing horizons, finds parameters and initial states. After it, the initial states are eliminated: what a
+    small change of them could take from the residuals is taken, with the derivatives at that fit. ``start`` (p,) is what it found.
+    Sway and roll are held at zero where nothing measured shows them and the campaign does not ask for them: they enter squared, and
+    a fit that is free to use them soaks up noise.
     """
 
     noise_known = True
@@ -181,28 +184,32 @@ class SeriesMisfit:
         self.declared = declarations(model, self.free)
         self.campaign = campaign
         sigma = {c: campaign.noise_std.get(c) or _noise(campaign, c) for c in campaign.channels}
+        if campaign.dof is None and model.dof == 4 and not LATERAL & set(campaign.channels):
+            model = model.with_changes(dof=2)
         self.problem = Problem(campaign, model, sigma)
         self.structure = Structure(self.problem.model, self.free)
-        self.found = fit_from_scratch(self.problem, self.structure)
+        rough = fit_from_scratch(self.problem, self.structure)
+        self.found = fit(self.problem, self.structure, rough.states, rough.theta, tolerance=1e-4)
         self.start = np.array([self.found.values[name] for name in self.free])
-        self._theta = self.found.theta
-        self._steps = []
+        self._states = self.found.states
+        self._eliminate = []
         for data, part in zip(self.problem.runs, self.found.linear, strict=True):
             present = np.isfinite(part.residual) & np.isfinite(part.by_state).all(axis=1)
             X = np.where(present[:, None], part.by_state, 0.0)
-            prior = STATE_PRIOR[data.free_states] ** -2.0
-            self._steps.append(np.linalg.solve(X.T @ X + np.diag(prior), X.T))
-        self.nuisance = sum(len(data.free_states) for data in self.problem.runs)
-        self._base = [np.array(s) for s in self.found.states]
+            weight = 1.0 / STATE_PRIOR[data.free_states]  # the prior of the fit, which holds what is not measured
+            self._eliminate.append((X, np.linalg.solve(X.T @ X + np.diag(weight**2), X.T), weight))
+        # A row of the prior for each state, and a degree of freedom for each that the data determine.
+        self.nuisance = sum(len(weight) + round(np.trace(solve @ X)) for X, solve, weight in self._eliminate)
 
     def __call__(self, values: Sequence[float]) -> Array:
-        """Residuals (n,) of all runs in order; zero where the model has nothing to compare."""
-        theta = self.structure.encode(values)
-        states = [s.copy() for s in self._base]
-        for _ in range(2):
-            for data, state, step, r in zip(self.problem.runs, states, self._steps, self.problem.residuals(self.structure, theta, states), strict=True):
-                state[data.free_states] += step @ np.nan_to_num(r, nan=0.0, posinf=0.0, neginf=0.0)
-        return np.concatenate([np.where(np.isnan(r), 0.0, r) for r in self.problem.residuals(self.structure, theta, states)])
+        """Residuals (n,) of all runs in order, with the initial states' prior; zero where the model has nothing to compare."""
+        residuals = self.problem.residuals(self.structure, self.structure.encode(values), self._states)
+        parts = []
+        for r, (X, solve, weight) in zip(residuals, self._eliminate, strict=True):
+            r = np.where(np.isnan(r), 0.0, r)
+            step = solve @ r
+            parts += [r - X @ step, weight * step]
+        return np.concatenate(parts)
 
 
 def _noise(campaign: Campaign, channel: str) -> float:

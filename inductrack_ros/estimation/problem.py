@@ -15,18 +15,18 @@ from functools import cached_property
 
 import numpy as np
 
+from ..core.effects.stand_in import basis
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.model import Pulses as ModelPulses
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, RATES, STATES
 from ..data.campaign import Campaign
 from ..data.measurement import Run
+from .response import STATE_STEPS, VARIABLES, RunResponse
 from .structure import Structure
 
 #: Longest spacing (s) of the grid between samples that predictions are interpolated and forces are integrated on.
 GRID = 2.5e-3
-#: Steps of the initial state's central differences, by state: far above rounding, far below where the model bends.
-STATE_STEPS = np.array([1e-4, 1e-5, 1e-5, 1e-4, 1e-3, 1e-4, 1e-4, 1e-3])
 #: Step of the parameters' differences, in typical sizes.
 THETA_STEP = 0.02
 #: Prior standard deviation of an initial state about its first guess: says nothing where anything is measured.
@@ -185,6 +185,14 @@ class Problem:
         )
         return out
 
+    def response(self, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray, outputs: np.ndarray | None = None) -> RunResponse:
+        """How run i answers to small forces at a point."""
+        if outputs is None:
+            outputs = self.simulate(structure, i, theta[None], state[None])[0]
+        P = structure.vectors(theta[None])[0]
+        P[structure.model.kernel.parameters.index("drive_current")] = self.runs[i].run.drive_current
+        return RunResponse(self.runs[i], self.sigma, structure.model, P, outputs, self.dof)
+
     def predict(self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray) -> np.ndarray:
         """What the sensors of run i would read, (j, m), from simulated outputs; NaN past the horizon or outside the run."""
         data = self.runs[i]
@@ -239,7 +247,9 @@ class Problem:
         def task(i: int) -> Linearisation:
             data = self.runs[i]
             free = data.free_states if reuse is None else data.free_states[:0]
-            points = [(k, v) for side in (up, down) for k, v in enumerate(side) if v != theta[k]]
+            tables = structure.tables
+            single = [k for k in range(g) if not any(k in columns for columns in tables.values())]
+            points = [(k, side[k]) for side in (up, down) for k in single if side[k] != theta[k]]
             jobs = 1 + len(points) + 2 * len(free)
             thetas, x = np.tile(theta, (jobs, 1)), np.tile(states[i], (jobs, 1))
             for j, (k, v) in enumerate(points):
@@ -253,6 +263,8 @@ class Problem:
             at = {(k, v): 1 + j for j, (k, v) in enumerate(points)}
             ends = [(read[at.get((k, up[k]), 0)], read[at.get((k, down[k]), 0)]) for k in range(g)]
             by_theta = np.array([(a - b) / (up[k] - down[k]) for k, (a, b) in enumerate(ends)]).reshape(g, data.y.size)
+            for effect, columns in tables.items():
+                by_theta[columns] = self._table_columns(structure, i, theta, states[i], out[0], effect, columns) / weight
             plus, minus = np.split(read[len(read) - 2 * len(free) :], 2)
             by_state = (plus - minus) / (2 * STATE_STEPS[free])[:, None]
             return Linearisation(
@@ -263,6 +275,16 @@ class Problem:
             )
 
         return self.for_runs(task)
+
+    def _table_columns(self, structure, i, theta, state, outputs, effect: str, columns: Sequence[int]) -> np.ndarray:
+        """Derivative (l, m) over noise by a stand-in's table: the response to each of its basis functions."""
+        response = self.response(structure, i, theta, state, outputs)
+        values = structure.model.effects[effect]
+        u = response.variables[VARIABLES[int(values["variable"])]]
+        shapes = basis(u, values["start"], values["step"], len(columns)) * structure.scale[columns]
+        forces = np.zeros((len(u), 4, len(columns)))
+        forces[:, COORDINATES.index(effect.removeprefix("stand_in_"))] = shapes
+        return response.respond(forces).T
 
 
 @dataclass(frozen=True)

@@ -77,11 +77,21 @@ class Structure:
         return pairs[:, 0] / self.scale, pairs[:, 1] / self.scale
 
     @cached_property
+    def tables(self) -> dict[str, list[int]]:
+        """Indices in theta of each stand-in's free table, by effect."""
+        found: dict[str, list[int]] = {}
+        for k, name in enumerate(self.free):
+            effect, table, _ = name.partition(".values[")
+            if table:
+                found.setdefault(effect, []).append(k)
+        return found
+
+    @cached_property
     def precision(self) -> np.ndarray:
         """Inverse covariance (g, g) of theta's prior about its start: wide, but for tables that are to be smooth."""
         precision = np.diag(np.full(len(self.free), THETA_PRIOR**-2.0))
         for effect, weight in self.smoothness.items():
-            mine = [i for i, f in enumerate(self.free) if f.startswith(f"{effect}.values[")]
+            mine = self.tables[effect]
             precision[np.ix_(mine, mine)] = roughness(len(mine), weight) * self.scale[mine[0]] ** 2
         return precision
 

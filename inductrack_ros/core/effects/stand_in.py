@@ -4,6 +4,8 @@ A diagnosis that finds a misfit no effect explains puts one of these in the mode
 the physics is sought. They explain nothing, and they are not in the ranking.
 """
 
+import numpy as np
+
 from . import Parameter, effect
 
 #: What a stand-in may depend on, in the order of its ``variable``.
@@ -45,6 +47,12 @@ def curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate,
         elif d < 2.0:
             total += values[j] * (2.0 - d) ** 3 / 6.0
     return total
+
+
+def basis(values, start, step, count):
+    """The curve's basis functions at ``values`` (n,), as (n, count)."""
+    u = np.abs(np.clip((values - start) / step, 0.0, count - 1.0)[:, None] - np.arange(count))
+    return np.where(u < 1, 2 / 3 - u**2 + u**3 / 2, np.where(u < 2, (2 - u) ** 3 / 6, 0.0))
 
 
 def _parameters(unit, typical):

@@ -1,0 +1,365 @@
+"""The whole diagnosis: fit first, is anything missing, which effect, how sure, what would settle it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..core.effects.stand_in import basis
+from ..core.errors import InputError
+from ..core.model import Model
+from ..core.state import COORDINATES, INDEX
+from ..data.campaign import Campaign
+from ..estimation import noise
+from ..estimation.fit import Fit, fit, fit_from_scratch
+from ..estimation.problem import Problem
+from ..estimation.structure import Structure
+from . import support
+from .candidates import LEVEL
+from .experiment import propose
+from .gate import Gate
+from .result import Diagnosis, Limit, Rival, RunTraces, Step, Unknown
+from .search import BEAM, QUICK_FIRST, QUICK_LATER, Search, Trial
+from .signatures import VARIABLES
+from .unknown import penalised, stand_ins
+
+#: Effects sought one after the other, at the most.
+MOST_EFFECTS = 3
+#: Rivals whose χ² after refitting is within this of the best cannot be told from it (chance of wronging the truth below 1 %).
+TWINS = 6.6
+#: Quick refits this close to the best are refitted in full before they are judged.
+CLOSE = 60.0
+#: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
+LEFT_OUT = 4
+
+
+def diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None] = lambda _: None) -> Diagnosis:
+    """Diagnose a campaign against a model, whose effects (if any) are kept and refitted.
+
+    ``tell`` hears what is being tried. Raises `InputError` for a campaign that cannot be fitted at all.
+    """
+    began = time.monotonic()
+    notes = support.inspect(campaign)
+    tell("fitting what is known")
+    problem, base, undetermined = _base(campaign, model)
+    notes += support.undetermined(undetermined, base)
+    search = Search(problem, base, tell)
+    root = search.trials[frozenset(base.structure.effects)]
+    gate = search.gate(root)
+    chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
+    chosen = _prune(search, chosen) if len(chosen.names) > len(root.names) + 1 else chosen
+    new = tuple(n for n in chosen.names if n not in root.names)
+    stand_in = [n for n in new if n.startswith("stand_in")]
+    effects = tuple(n for n in new if n not in stand_in)
+    verdict = "adequate" if not new and found_gate.adequate else "missing_effect" if found_gate.adequate and not stand_in else "unknown_effect"
+    twins = _twins(search, chosen, effects)
+    tell("how well it predicts runs left out")
+    path = [tuple(new[:k]) for k in range(len(new) + 1)]
+    steps = tuple(_step(search, (*root.names, *p), p) for p in path)
+    unknown = _unknown(search, chosen, found_gate, stand_in, steps) if verdict == "unknown_effect" else None
+    experiment, separation = (None, {})
+    if twins or verdict == "unknown_effect":
+        tell("which run would settle what is open")
+        experiment, separation = propose(search, chosen, twins, unknown)
+    notes += support.leftover(problem, chosen.fit, campaign.noise_std, found_gate)
+    f = chosen.fit
+    deviations = f.deviations
+    return Diagnosis(
+        campaign=campaign.name,
+        verdict=verdict,
+        effects=effects,
+        model=_clean(f),
+        parameters={n: (v, deviations[n]) for n, v in f.values.items() if "values[" not in n},
+        indistinguishable=twins,
+        unknown=unknown,
+        next_experiment=experiment,
+        steps=steps,
+        rivals=_rivals(search, root, chosen),
+        limits=_limits(search, chosen),
+        noise=dict(zip(problem.channels, problem.sigma.tolist(), strict=True)),
+        noise_given=tuple(campaign.noise_std),
+        notes=tuple(notes),
+        tests=found_gate.tests[:12],
+        p_value=found_gate.p_scores,
+        traces=_traces(search, root, new),
+        separation=separation,
+        seconds=time.monotonic() - began,
+    )
+
+
+def _base(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ...]]:
+    """The problem with its noise, the fit of the model as it is, and the parameters that the data cannot determine."""
+    guess = noise.from_samples(campaign) | dict(campaign.noise_std)
+    for channel, value in guess.items():
+        if not np.isfinite(value) or value <= 0:
+            raise InputError(
+                f"{campaign.folder}: {channel} never changes from sample to sample, so its noise cannot be estimated; "
+                f"give noise_std: {{{channel}: …}} in campaign.yaml, or leave the channel out"
+            )
+    problem = Problem(campaign, model, guess)
+    free = tuple(campaign.free) + tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
+    structure = Structure(problem.model, free)
+    structure.declarations  # an unknown name in `free` is the user's to correct, before the work
+    base = fit_from_scratch(problem, structure)
+    if not np.isfinite(base.chi2):
+        raise InputError(f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and drive_current")
+    undetermined = base.undetermined
+    if undetermined:
+        kept = tuple(n for n in free if n not in undetermined)
+        structure = Structure(problem.model, kept)
+        base = fit(problem, structure, base.states, [t for t, n in zip(base.theta, free, strict=True) if n in kept])
+    for _ in range(2 if len(campaign.noise_std) < len(problem.channels) else 0):
+        problem = problem.with_sigma(noise.from_residuals(problem, [p.residual for p in base.linear], campaign.noise_std))
+        base = fit(problem, structure, base.states, base.theta)
+    return problem, base, undetermined
+
+
+def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
+    """The cheapest set of effects that leaves noise; with a stand-in in it where nothing known does."""
+    beam, best_stand_in = [root], None
+    for size in range(1, MOST_EFFECTS + 1):
+        grown: dict[frozenset[str], Trial] = {}
+        for trial in beam:
+            for t in search.grow(trial, QUICK_FIRST if size == 1 else QUICK_LATER):
+                key = frozenset(t.names)
+                if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
+                    grown[key] = t
+        ranked = sorted(grown.values(), key=lambda t: penalised(search, t))
+        passing = next((t for t in ranked[:2] if t.full and search.gate(t).adequate), None)
+        if best_stand_in is not None and (passing is None or penalised(search, best_stand_in) < penalised(search, passing)):
+            if search.gate(best_stand_in).adequate:
+                return best_stand_in, search.gate(best_stand_in)
+        if passing is not None:
+            return passing, search.gate(passing)
+        # A stand-in beside what is known so far competes with one more effect.
+        for trial in [root, *ranked[:1]] if size == 1 else ranked[:1]:
+            for t in stand_ins(search, trial)[:1]:
+                if best_stand_in is None or penalised(search, t) < penalised(search, best_stand_in):
+                    best_stand_in = t
+        if best_stand_in is not None and size > 1 and search.gate(best_stand_in).adequate:
+            return best_stand_in, search.gate(best_stand_in)
+        beam = ranked[:BEAM]
+        if not beam:
+            break
+    last = best_stand_in or root
+    if not search.gate(last).adequate and last is not root:  # one more unknown force, elsewhere
+        for t in stand_ins(search, last)[:1]:
+            if penalised(search, t) < penalised(search, last):
+                last = t
+    return last, search.gate(last)
+
+
+def _significant(search: Search, trial: Trial, parent: Trial) -> bool:
+    """Whether the last effect takes more off χ² than chance would, its rivals counted."""
+    s = next((s for s in search.screened(parent) if s.candidate.name == trial.names[-1]), None)
+    return s is None or parent.chi2 - trial.chi2 > s.candidate.threshold(len(search.screened(parent)))
+
+
+def _prune(search: Search, trial: Trial) -> Trial:
+    """Backward pass: whatever can go without the rest failing goes."""
+    root = frozenset(search.base.structure.effects)
+    for name in trial.names:
+        if name in root or name.startswith("stand_in") or len(trial.names) == 1:
+            continue
+        smaller = search.without(trial, name)
+        if penalised(search, smaller) <= penalised(search, trial) or search.gate(smaller).adequate:
+            return _prune(search, smaller)
+    return trial
+
+
+def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """For each effect found, what could stand in its place within `TWINS` of χ²."""
+    twins = {}
+    for name in effects:
+        parent = search.without(chosen, name)
+        key = frozenset(parent.names)
+        if not any(len(k) == len(key) + 1 and k > key for k in search.trials):
+            search.grow(parent, QUICK_LATER)
+        rivals = []
+        for k, t in list(search.trials.items()):
+            other = k - key
+            if len(k) != len(key) + 1 or not k > key or name in other:
+                continue
+            if not t.full and t.chi2 < chosen.chi2 + CLOSE:
+                t = search.finish(t)
+            if t.chi2 < chosen.chi2 + TWINS:
+                rivals.append((t.chi2, next(iter(other))))
+        if rivals:
+            twins[name] = tuple(n for _, n in sorted(rivals))
+    return twins
+
+
+def _step(search: Search, names: tuple[str, ...], shown: tuple[str, ...]) -> Step:
+    """Errors with a set of effects: fitted on all runs, and on every fourth when the fit saw only the others."""
+    problem, trial = search.problem, search.trials[frozenset(names)]
+    f = trial.fit
+    residuals = [p.residual for p in f.linear]
+    out = list(range(LEFT_OUT // 2, len(problem.runs), LEFT_OUT)) or [len(problem.runs) - 1]
+    seen = [i for i in range(len(problem.runs)) if i not in out]
+    heldout, by_channel = np.nan, {}
+    if seen:
+        inner = fit(problem.subset(seen), f.structure, [f.states[i] for i in seen], f.theta, iterations=8)
+        model = inner.model
+        left = problem.subset(out)
+        outer = fit(left, Structure(model, ()), [f.states[i] for i in out], iterations=8)
+        rest = [p.residual for p in outer.linear]
+        heldout, by_channel = _rms(np.concatenate(rest)), _by_channel(left, rest)
+    return Step(
+        shown, f.reduced_chi2, heldout, _by_channel(problem, residuals), by_channel,
+        {d.run.name: _rms(r) for d, r in zip(problem.runs, residuals, strict=True)},
+    )  # fmt: skip
+
+
+def _rms(r: np.ndarray) -> float:
+    r = r[np.isfinite(r)]
+    return float(np.sqrt(np.mean(r**2))) if r.size else float("nan")
+
+
+def _by_channel(problem: Problem, residuals: Sequence[np.ndarray]) -> dict[str, float]:
+    number = np.concatenate([d.channel for d in problem.runs])
+    r = np.concatenate(residuals)
+    return {c: _rms(r[number == i]) for i, c in enumerate(problem.channels)}
+
+
+def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str], steps: Sequence[Step]) -> Unknown:
+    """What is known of the unknown: the first stand-in's curve, or where the gate's most telling force law points."""
+    if not stand_in:
+        law = next((t.name for t in gate.tests if t.name.startswith("force in ")), "force in heave on surge")
+        channel, _, variable = law.removeprefix("force in ").partition(" on ")
+        return Unknown(channel, (variable,), float("nan"), "N·m" if channel == "roll" else "N", *(np.empty(0),) * 3)
+    f, name = chosen.fit, stand_in[0]
+    table = f.model.effects[name]
+    count = int(table["knots"])
+    u = table["start"] + np.linspace(0, count - 1, 400) * table["step"]
+    shapes = basis(u, table["start"], table["step"], count)
+    force = shapes @ np.array(table["values"])
+    mine = f.structure.tables[name]
+    scale = f.structure.scale[mine]
+    covariance = f.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
+    band = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shapes, covariance, shapes), 0.0))
+    channel = name.removeprefix("stand_in_")
+    peak = float(force[np.argmax(np.abs(force))])
+    return Unknown(channel, (VARIABLES[int(table["variable"])],), peak, "N·m" if channel == "roll" else "N", u, force, band)
+
+
+def _clean(f: Fit) -> Model:
+    """The improved model; a delay or size that is practically nothing stays as fitted."""
+    return f.model
+
+
+def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:
+    """Every candidate of every round along the path that was taken."""
+    found = []
+    names = list(root.names)
+    for step in [n for n in chosen.names if n not in root.names]:
+        parent = search.trials.get(frozenset(names))
+        if parent is None:
+            break
+        thresholds = {s.candidate.name: s.candidate.threshold(len(search.screened(parent))) for s in search.screened(parent)}
+        round_ = []
+        for key, t in search.trials.items():
+            added = key - frozenset(names)
+            if len(added) == 1 and key > frozenset(names):
+                name = next(iter(added))
+                f = t.fit
+                own = {n: v for n, v in f.values.items() if n.startswith(f"{name}.") and "values[" not in n}
+                deviations = f.deviations
+                fall = parent.chi2 - t.chi2
+                round_.append(
+                    Rival(
+                        name, tuple(names), fall, thresholds.get(name, np.nan), own, {n: deviations[n] for n in own}, None, name == step,
+                        _words(name == step, t, parent, search), _where(search.problem, parent.fit, f),
+                    )  # fmt: skip
+                )
+        found += sorted(round_, key=lambda r: -r.chi2_fall)
+        names.append(step)
+    return tuple(found)
+
+
+def _words(chosen: bool, trial: Trial, parent: Trial, search: Search) -> str:
+    """For and against a candidate, in a sentence."""
+    left = trial.fit.reduced_chi2
+    part = (parent.chi2 - trial.chi2) / max(parent.chi2 - min(t.chi2 for t in search.trials.values()), 1e-9)
+    if chosen:
+        return f"explains {100 * part:.0f} % of what can be explained; χ² per sample falls to {left:.3g}"
+    return f"explains {100 * part:.0f} %; leaves χ² per sample at {left:.3g}"
+
+
+def _where(problem: Problem, before: Fit, after: Fit) -> dict[str, dict[str, float]]:
+    """Where the fall in χ² was won: parts by run, and by stretch of speed and gap and by contact."""
+    gains, speed, gap = [], [], []
+    by_run = {}
+    for i, (data, a, b) in enumerate(zip(problem.runs, before.linear, after.linear, strict=True)):
+        fall = np.nan_to_num(a.residual**2 - b.residual**2)
+        by_run[data.run.name] = float(fall.sum())
+        out = problem.simulate(after.structure, i, after.theta[None], after.states[i][None])[0]
+        gains.append(fall)
+        speed.append(out[data.row, INDEX["surge_rate"]])
+        gap.append(out[data.row, 8:11].min(axis=1))
+    g, v, h = np.concatenate(gains), np.nan_to_num(np.concatenate(speed)), np.nan_to_num(np.concatenate(gap))
+    total = g.sum() or 1.0
+    where = {"run": {n: x / total for n, x in by_run.items()}, "speed": {}, "gap": {}}
+    edges = np.unique(np.round(np.quantile(v, [0, 0.25, 0.5, 0.75, 1]), 1))
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        where["speed"][f"{low:g}–{high:g} m/s"] = float(g[(v >= low) & (v <= high)].sum() / total)
+    edges = np.unique(np.round(1e3 * np.quantile(h, [0, 0.25, 0.5, 0.75, 1]), 1))
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        where["gap"][f"{low:g}–{high:g} mm"] = float(g[(1e3 * h >= low) & (1e3 * h <= high)].sum() / total)
+    where["contact"] = {"touching": float(g[h < 0].sum() / total), "free": float(g[h >= 0].sum() / total)}
+    return where
+
+
+def _limits(search: Search, chosen: Trial) -> tuple[Limit, ...]:
+    """The smallest size of each effect with one parameter that would have been found in nine of ten such campaigns."""
+    limits = []
+    for s in search.screened(chosen):
+        structure = chosen.fit.structure.plus(s.candidate.name, s.candidate.starts[0] if s.candidate.starts else {})
+        first = len(chosen.fit.structure.free)
+        if len(structure.free) == first:
+            continue
+        declared, scale = structure.declarations[first], structure.scale[first]
+        size = (np.sqrt(s.candidate.threshold(len(search.screened(chosen)))) + 1.28) * s.deviation
+        if s.candidate.name == "guideway_waviness":
+            value = float(size)
+        else:
+            neutral = 0.0 if np.isinf(declared.default) else declared.to_fit(declared.default)
+            value = declared.from_fit(neutral + size * scale) - (declared.default if declared.fit_as == "x" else 0.0)
+        limits.append(Limit(s.candidate.name, structure.free[first].rpartition(".")[2], declared.unit, float(value)))
+    return tuple(sorted(limits, key=lambda x: x.name))
+
+
+def _traces(search: Search, root: Trial, new: Sequence[str]) -> tuple[RunTraces, ...]:
+    """Predictions of each subset of the effects found, refitted, for the report's switches."""
+    problem = search.problem
+    subsets = [tuple(n for j, n in enumerate(new) if mask >> j & 1) for mask in range(2 ** len(new))]
+    fits = {}
+    for subset in subsets:
+        key = frozenset((*root.names, *subset))
+        if key not in search.trials:
+            full = search.trials[frozenset((*root.names, *new))]
+            t = full
+            for name in [n for n in new if n not in subset]:
+                t = search.without(t, name)
+        fits[subset] = search.trials[key].fit
+    traces = []
+    for i, data in enumerate(problem.runs):
+        predicted = {}
+        for subset, f in fits.items():
+            out = problem.simulate(f.structure, i, f.theta[None], f.states[i][None])
+            read = problem.predict(f.structure, i, f.theta[None], out)[0]
+            predicted[subset] = {c: _column(data, read, k) for k, c in enumerate(problem.channels) if c in data.run.channels}
+        measured = {c: data.run[c] for c in data.run.channels}
+        traces.append(RunTraces(data.run.name, data.run.drive_current, data.run.times, measured, predicted))
+    return tuple(traces)
+
+
+def _column(data, read: np.ndarray, channel: int) -> np.ndarray:
+    column = np.full(len(data.run.times), np.nan)
+    mine = data.channel == channel
+    column[np.searchsorted(data.run.times, data.time[mine])] = read[mine]
+    return column
+
+
+__all__ = ["COORDINATES", "LEVEL", "diagnose"]

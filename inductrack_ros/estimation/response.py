@@ -1,0 +1,111 @@
+"""What a small force, whatever its law, would do to the measurements: variation of constants along a run.
+
+The trajectory is linearised interval by interval, δs_{k+1} = Φ_k δs_k, with Φ_k from differences of one-interval
+simulations (through contact too, where a single long sensitivity would be singular). Any force history f(t) in a
+coordinate then shows in the measurements as a sum over those intervals, so whole libraries of force laws cost one linearisation.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from ..core.state import ACCELERATIONS, GAPS, INDEX, MOVING, OUTPUTS, STATES
+
+#: What a missing force may depend on, as `diagnosis.json` names it and in the order of a stand-in's ``variable``.
+VARIABLES = (*STATES, "time", "drive")
+#: Steps of the state's central differences, by state: far above rounding, far below where the model bends.
+STATE_STEPS = np.array([1e-4, 1e-5, 1e-5, 1e-4, 1e-3, 1e-4, 1e-4, 1e-3])
+
+
+@numba.njit(cache=True, nogil=True)
+def _propagate(transitions, a, half):
+    """δs_{k+1} = Φ_k (δs_k + h/2 a_k) + h/2 a_{k+1}: trapezoid of the kicks, (n, 8, l) from accelerations (n, 4, l)."""
+    n, _, width = a.shape
+    state = np.zeros((n, 8, width))
+    kicked = np.empty((8, width))
+    for k in range(n - 1):
+        kicked[:] = state[k]
+        kicked[4:] += half[k] * a[k]
+        state[k + 1] = transitions[k] @ kicked
+        state[k + 1, 4:] += half[k] * a[k + 1]
+    return state
+
+
+class RunResponse:
+    """One run's response to small forces: ``variables`` (n,) by name on its grid, `respond` for force histories."""
+
+    def __init__(self, data, sigma: np.ndarray, model, P: np.ndarray, outputs: np.ndarray, dof: int):
+        """``data`` a `problem.RunData`, P (p,) the kernel's parameters, ``outputs`` (n, 15) the simulated run."""
+        self.data, self.sigma, self.outputs = data, sigma, outputs
+        self.grid = data.grid[: len(outputs)]
+        inertia = model.parameters["mass"], model.parameters["roll_inertia"]
+        self.inverse_inertia = np.array([1 / inertia[0]] * 3 + [1 / inertia[1]])
+        self.transitions = _transitions(data, model, P, outputs, dof)
+        self.geometry = _gap_geometry(model)
+
+    @property
+    def variables(self) -> dict[str, np.ndarray]:
+        """Histories (n,) of what a force may depend on."""
+        n = len(self.grid)
+        histories = {s: self.outputs[:, INDEX[s]] for s in STATES}
+        return histories | {"time": self.grid, "drive": np.full(n, self.data.run.drive_current)}
+
+    def respond(self, forces: np.ndarray) -> np.ndarray:
+        """Change of the measurements over noise, (m, l), that force histories (n, 4, l) (N, N·m by coordinate) would make."""
+        a = forces * self.inverse_inertia[:, None]
+        half = 0.5 * np.diff(self.grid)
+        state = _propagate(self.transitions, np.ascontiguousarray(a), half)
+        width = a.shape[2]
+        data = self.data
+        result = np.full((len(data.y), width), np.nan)
+        inside = data.row < len(self.grid)
+        for column in np.unique(data.column):
+            mine = inside & (data.column == column)
+            result[mine] = self._output(OUTPUTS[column], state)[data.row[mine]]
+        return result / self.sigma[data.channel][:, None]
+
+    def _output(self, name: str, state: np.ndarray) -> np.ndarray:
+        if name in STATES:
+            return state[:, STATES.index(name)]
+        if name in GAPS:
+            return np.einsum("c,ncl->nl", self.geometry[GAPS.index(name)], state[:, :4])
+        rate = state[:, 4 + ACCELERATIONS.index(name)]
+        return np.gradient(rate, self.grid, axis=0)
+
+
+def _gap_geometry(model) -> np.ndarray:
+    """Derivative (3, 4) of the gaps by the coordinates at small roll, (29)–(34)."""
+    c = np.sqrt(0.5)
+    p = model.parameters
+    arm = p["magnet_side_offset"] + p["magnet_side_height"]
+    return np.array([[0, 0, 1, 0], [0, -c, -c, c * arm], [0, c, -c, -c * arm]])
+
+
+def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> np.ndarray:
+    """Φ_k (n−1, 8, 8): derivative of the state at the next grid point by the state at this one."""
+    grid = data.grid[: len(outputs)]
+    n_states = len(model.kernel.states)
+    free = np.array([s.removesuffix("_rate") in MOVING[dof] for s in STATES])
+    moved = np.flatnonzero(free | (np.arange(8) == 0))
+    jobs = 2 * len(moved)
+    Ps, on = np.tile(P, (jobs, 1)), np.tile(model.switches, (jobs, 1))
+    origin = np.full(jobs, float(outputs[0, 0]))
+    out = np.empty((jobs, 1, len(OUTPUTS)))
+    result = np.tile(np.eye(8), (len(grid) - 1, 1, 1))
+    offsets = np.zeros((jobs, n_states))
+    for k, s in enumerate(moved):
+        offsets[2 * k, s], offsets[2 * k + 1, s] = STATE_STEPS[s], -STATE_STEPS[s]
+    base = np.zeros(n_states)
+    carries = n_states > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects)
+    for k in range(len(grid) - 1):
+        base[:8] = outputs[k, :8]
+        if not np.isfinite(base).all():
+            break
+        x = (model.with_effect_states(base, grid[k]) if carries else base) + offsets
+        model.kernel.simulate_batch(
+            grid[k + 1 : k + 2], grid[k], x, Ps, on, model.moving, origin, data.averaged, *data.pulses, 1.0, out
+        )
+        for j, s in enumerate(moved):
+            result[k, :, s] = (out[2 * j, 0, :8] - out[2 * j + 1, 0, :8]) / (2 * STATE_STEPS[s])
+    return result
