@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .cli import COMMANDS
 from .data.bags import read_bag
 from .nodes.domain import claim_domain
 
@@ -30,15 +31,21 @@ def main() -> int:
         print(f"   {record(report / 'run')}")
         print("2. Where the paper's model fails to predict the sample campaign", flush=True)
         inductrack("compare", SAMPLE, "--output", report / "compare")
-        print("3. Which effects are missing", flush=True)
-        inductrack("diagnose", SAMPLE, "--output", report / "diagnose")
+        if diagnoses():
+            print("3. Which effects are missing", flush=True)
+            inductrack("diagnose", SAMPLE, "--output", report / "diagnose")
     except (subprocess.CalledProcessError, TimeoutError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
     print(f"\nRecorded bag: {report / 'run' / 'bag'}")
-    for what in ("compare", "diagnose"):
-        print(f"Report: {(report / what / 'report.html').resolve()}")
+    for page in sorted(report.glob("*/report.html")):
+        print(f"Report: {page.resolve()}")
     return 0
+
+
+def diagnoses() -> bool:
+    """Whether the command line has `diagnose` yet."""
+    return "diagnose" in {command.name for command in COMMANDS}
 
 
 def record(folder: Path) -> str:

@@ -85,10 +85,19 @@ class SegmentedBag:
     def message_count(self) -> int:
         return sum(t.count for t in self._topics.values())
 
-    def add_topic(self, name: str, type_name: str, reliable: bool = True, latched: bool = False) -> None:
-        """Prepare for a topic; raises `InputError` for a message type whose definition is not known."""
+    def add_topic(
+        self, name: str, type_name: str, reliable: bool = True, latched: bool = False, stamped: bool = False
+    ) -> None:
+        """Prepare for a topic.
+
+        Raises `InputError` for a message type whose definition is not known or which, where it must be `stamped`,
+        does not begin with a time, its own or its header's.
+        """
         if type_name not in self._types.fielddefs:
-            raise InputError(f"{name}: the definition of {type_name} is not known, so it cannot be recorded")
+            raise InputError(f"the definition of {type_name} is not known")
+        first_field = self._types.fielddefs[type_name][1][0][1]
+        if stamped and first_field[1] not in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time"):
+            raise InputError(f"{type_name} has no header stamp; use --stamp receive")
         definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
         forever = QosTime(9223372036, 854775807)
         qos = Qos(

@@ -21,6 +21,7 @@ from .runtime import NAMESPACE, every, run
 QUEUE_DEPTH = 20000  # messages a topic may bring while one second is being written
 FLUSH_PERIOD = 0.5  # s; what `kill -9` can cost, with the second of grace the promise gives
 LOOK_PERIOD = 0.2  # s between looks for new topics
+NOT_WANTED = ("lockstep/", "forces")  # unless asked for: bookkeeping, and the wrenches once more as arrows
 
 
 class Recorder(Node):
@@ -44,8 +45,8 @@ class Recorder(Node):
             return True
         if self._options.topics:
             return topic in self._options.topics
-        inside = topic.startswith(f"/{NAMESPACE}/") and f"/{NAMESPACE}/lockstep/" not in topic
-        return inside or topic == "/clock"
+        name = topic.removeprefix(f"/{self._options.namespace}/")
+        return topic == "/clock" or (name != topic and not name.startswith(NOT_WANTED))
 
     def _look_for_topics(self) -> None:
         for topic, types in self.get_topic_names_and_types():
@@ -63,7 +64,7 @@ class Recorder(Node):
     def _subscribe(self, topic: str, type_name: str, offers: list) -> None:
         reliable = all(o.qos_profile.reliability == ReliabilityPolicy.RELIABLE for o in offers)
         latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
-        self._bag.add_topic(topic, type_name, reliable, latched)
+        self._bag.add_topic(topic, type_name, reliable, latched, stamped=self._options.stamp == "header")
         qos = QoSProfile(
             depth=QUEUE_DEPTH,
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
@@ -119,8 +120,9 @@ def message_class(type_name: str) -> type:
 
 def parse(args: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="record", description=__doc__)
-    parser.add_argument("topics", nargs="*", help=f"full topic names; default: all under /{NAMESPACE}, and /clock")
+    parser.add_argument("topics", nargs="*", help="full topic names; default: all of the namespace, and /clock")
     parser.add_argument("-a", "--all", action="store_true", help="record every topic there is")
+    parser.add_argument("-n", "--namespace", default=NAMESPACE, help=f"default: {NAMESPACE}")
     parser.add_argument("-o", "--output", help="folder of the bag; default: rosbag2_<date and time>")
     parser.add_argument("-d", "--duration", type=float, help="end so many seconds after the first message")
     parser.add_argument(
@@ -129,6 +131,7 @@ def parse(args: list[str]) -> argparse.Namespace:
         "so that repeated lockstep runs give the same bag",
     )  # fmt: skip
     options = parser.parse_args(args)
+    options.namespace = options.namespace.strip("/")
     options.output = options.output or datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
     return options
 

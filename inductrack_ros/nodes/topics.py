@@ -73,6 +73,7 @@ class SimulatorTopics:
             return node.create_publisher(kind, name, qos)
 
         self._node = node
+        self._messages: dict[tuple[type, str], object] = {}
         self._frames = track_frame, cradle_frame
         self._clock = publisher(Clock, "/clock") if clock else None
         self._tf = publisher(TFMessage, "/tf") if TFMessage else None
@@ -87,10 +88,14 @@ class SimulatorTopics:
         kinds = {"pose": PoseStamped, "twist": TwistStamped, "imu": Imu, **dict.fromkeys(GAPS, Range)}
         self._measured = {name: publisher(kinds[name], f"measured/{name}") for name in SENSORS}
 
-    def _new(self, kind: type, stamp: Time, frame: str | None = None):
-        message = kind()
+    def _blank(self, kind: type, stamp: Time, frame: str | None = None):
+        """The one message of this type and frame, to be filled and published: making one takes longer than filling it."""
+        frame = frame or self._frames[0]
+        message = self._messages.get((kind, frame))
+        if message is None:
+            message = self._messages[kind, frame] = kind()
+            message.header.frame_id = frame
         message.header.stamp = stamp
-        message.header.frame_id = frame or self._frames[0]
         return message
 
     def all_hear_poses(self) -> bool:
@@ -111,7 +116,7 @@ class SimulatorTopics:
         self, stamp: Time, x: np.ndarray, truth: Mapping[str, float], wrenches: Mapping[str, np.ndarray]
     ) -> None:
         """What is wanted less often: odometry, gaps, forces apart, arrows, transform."""
-        odometry = self._new(Odometry, stamp)
+        odometry = self._blank(Odometry, stamp)
         odometry.child_frame_id = self._frames[1]
         _Axes.pose(odometry.pose.pose, x[:4])
         _Axes.twist(odometry.twist.twist, *frames.rates_to_body_twist(x[4:8], x[3]))
@@ -121,7 +126,7 @@ class SimulatorTopics:
         parts = _lift_and_slip(wrenches)
         for name, publisher in self._wrenches.items():
             if name in parts:
-                message = self._new(WrenchStamped, stamp)
+                message = self._blank(WrenchStamped, stamp)
                 force, torque = frames.force_to_wrench(parts[name])
                 _Axes.vector(message.wrench.force, force)
                 _Axes.vector(message.wrench.torque, torque)
@@ -129,7 +134,7 @@ class SimulatorTopics:
         if self._forces.get_subscription_count():
             self._forces.publish(self._arrows(stamp, x, parts))
         if self._tf:
-            transform = self._new(TransformStamped, stamp)
+            transform = self._blank(TransformStamped, stamp)
             transform.child_frame_id = self._frames[1]
             position, orientation = frames.coordinates_to_pose(x[:4])
             _Axes.vector(transform.transform.translation, position)
@@ -145,7 +150,7 @@ class SimulatorTopics:
         elif sensor == "twist":
             message = self._twist_message(stamp, values)
         elif sensor == "imu":
-            message = self._new(Imu, stamp, self._frames[1])
+            message = self._blank(Imu, stamp, self._frames[1])
             message.orientation_covariance[0] = message.angular_velocity_covariance[0] = -1.0  # not measured
             specific_force = frames.accelerations_to_specific_force(values, roll, gravity)
             _Axes.vector(message.linear_acceleration, specific_force)
@@ -157,17 +162,17 @@ class SimulatorTopics:
         self._fired.publish(pulse_message(stamp, pulse.coil, pulse.current, self._frames[0]))
 
     def _pose_message(self, stamp: Time, coordinates: np.ndarray) -> PoseStamped:
-        message = self._new(PoseStamped, stamp)
+        message = self._blank(PoseStamped, stamp)
         _Axes.pose(message.pose, coordinates)
         return message
 
     def _twist_message(self, stamp: Time, rates: np.ndarray) -> TwistStamped:
-        message = self._new(TwistStamped, stamp)
+        message = self._blank(TwistStamped, stamp)
         _Axes.twist(message.twist, *frames.rates_to_twist(rates))
         return message
 
     def _gap_message(self, stamp: Time, gap: str, value: float) -> Range:
-        message = self._new(Range, stamp, gap)
+        message = self._blank(Range, stamp, gap)
         message.radiation_type = Range.INFRARED  # the nearest kind the message knows
         message.range = float(value)  # no limits declared: in contact a gap is slightly negative
         return message
@@ -177,7 +182,8 @@ class SimulatorTopics:
         array = MarkerArray()
         for number, (name, part) in enumerate(parts.items()):
             force, _ = frames.force_to_wrench(part)
-            arrow = self._new(Marker, stamp)
+            arrow = Marker()
+            arrow.header.stamp, arrow.header.frame_id = stamp, self._frames[0]
             arrow.ns, arrow.id, arrow.type = name, number, Marker.ARROW
             tip = position + NEWTON_METRES * force
             arrow.points = [Point(x=float(a), y=float(b), z=float(c)) for a, b, c in (position, tip)]
