@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from geometry_msgs.msg import PointStamped, TwistStamped
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import SetBool, Trigger
 
+from inductrack_ros import cli
 from inductrack_ros.core.model import Model, Pulses
 from inductrack_ros.core.state import STATES
 from inductrack_ros.data.bags import read_bag
@@ -85,6 +87,13 @@ def test_two_lockstep_runs_give_the_same_bag(ros, tmp_path):
     again = Model.create(drive="pulses").simulate(truth.times, whole[0], pulses=fired)
     until = truth.times < 1.0
     assert np.abs(again.states - whole)[until].max() < 1e-5
+
+    # What the sensors measured, as a campaign: the model differs from it by the sensors' noise.
+    Model.create(drive="pulses").save(tmp_path / "model.yaml")
+    (tmp_path / "campaign.yaml").write_text("{name: rig, model: model.yaml, runs: [{file: first, drive_current: 0.0}]}")
+    assert cli.main(["compare", str(tmp_path), "--output", str(tmp_path / "out")]) == 0
+    comparison = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert 0.9 < comparison["error_over_noise"] < 1.1
 
 
 def test_lockstep_waits_and_says_for_whom(ros):
