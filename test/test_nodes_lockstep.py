@@ -11,7 +11,7 @@ from geometry_msgs.msg import PointStamped, TwistStamped
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import SetBool, Trigger
 
-from inductrack_ros import cli
+from inductrack_ros import cli, demo
 from inductrack_ros.core.model import Model, Pulses
 from inductrack_ros.core.state import STATES
 from inductrack_ros.data.bags import read_bag
@@ -119,6 +119,13 @@ def test_the_example_controller_of_the_documentation_holds_the_speed(ros):
     ros.wait(lambda: twist and seconds(twist[-1]) > 2.0, "two simulated seconds")
     assert np.abs([m.twist.linear.x - 15.0 for m in twist if seconds(m) > 1.0]).max() < 0.5
     assert sim.stop() == 0 and example.stop() == 0
+
+
+def test_the_demo_records_a_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(demo, "SECONDS", 1.0)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")  # it claims one of its own
+    said = demo.record(tmp_path / "run")
+    assert "drive pulses fired" in said and (tmp_path / "run" / "bag" / "metadata.yaml").exists()
 
 
 def test_out_of_step_the_pulses_come_in_time(ros):

@@ -56,6 +56,11 @@ def test_what_is_published_is_the_model_in_ros_axes(ros):
     ros.wait(lambda: len(heard["wrench/total"]) > 50 and len(heard["measured/imu"]) > 10, "messages")
     ros.call(SetBool, "/inductrack/sim/pause", data=True)
 
+    documented = (Path(__file__).parent.parent / "docs" / "controllers.md").read_text()
+    for name, _ in ros.node.get_topic_names_and_types():
+        if name.startswith("/inductrack/") and "aerodynamic_drag" not in name:
+            assert f"`{name.rpartition('/')[2]}`" in documented or name[12:] in documented, name
+
     model = Model.create(effects={"aerodynamic_drag": {"drag_area": 0.03}})
     x0 = model.initial_state(surge_rate=15.5, sway=0.002, roll=0.01)
     times = np.array([seconds(m) for m in heard["pose"]])
