@@ -152,12 +152,6 @@ def test_choice_of_speeds_decides(model):
     assert found[FLAT_SPEEDS].correlation > 0.999 > 0.9 > found[CHOICES[-1]].correlation
 
 
-def test_flat_valley_is_said(model):
-    answer = identify(model, simulated(model, FLAT_SPEEDS, 1.0, np.random.default_rng(1)), TRUE, nelder_mead=False)
-    assert all(p.flat for p in answer.profiles)
-    assert answer.words.startswith("The valley is flat: these data do not determine η and γ.")
-
-
 def test_mass_beside_eta_and_gamma_cannot_be_told(model):
     """Without contact only η/m and γ/m show: three free parameters leave a line along which nothing changes."""
     misfit = TravelMisfit(model, ("eta", "gamma", "mass"), simulated(model, (17.0, 18.0, 19.0, 20.0), STD, None))
@@ -180,8 +174,8 @@ def test_coverage(model):
 
 
 def test_coverage_with_the_noise_estimated(model):
-    held, _ = coverage(model, replicates=50, seed=7, noise_known=False)
-    assert all(43 <= n <= 50 for n in held.values()), held
+    held, _ = coverage(model, replicates=30, seed=7, noise_known=False)
+    assert all(25 <= n <= 30 for n in held.values()), held
 
 
 def test_travel_is_the_simulators(model):

@@ -75,6 +75,7 @@ def test_eight_topics_at_a_kilohertz_lose_nothing(ros, tmp_path):
     metadata = bag / "metadata.yaml"
     ros.wait(lambda: "  message_count: 24000" in metadata.read_text(), "the last message in the bag")
     assert recorder.stop() == 0 and "24000 messages on 8 topics" in recorder.output
+    assert [p.name for p in bag.glob("*.mcap")] == ["bag.mcap"]
     recorded = numbers_in(bag)
     assert len(recorded) == 8 and all(numbers == list(range(3000)) for numbers in recorded.values())
 

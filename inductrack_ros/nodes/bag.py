@@ -1,22 +1,25 @@
 """A rosbag2 folder that can be read at every moment of its recording, even after ``kill -9``.
 
 An MCAP file is readable only once its footer is written. So messages are held for up to a second and then written as
-one complete file more, after which ``metadata.yaml``, which names the files, is replaced in one step.
+one complete file more, after which ``metadata.yaml``, which names the files, is replaced in one step. At the end the
+files of a bag that is not too long are joined into one.
 """
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from ..core.errors import InputError
 
 VERSION = 9  # of the metadata: Jazzy's
+JOINED = 300_000  # messages up to which a bag's files are joined at the end, which takes a second for each 100,000
 
 _METADATA = """\
 rosbag2_bagfile_information:
@@ -117,18 +120,9 @@ class SegmentedBag:
         waiting = {name: topic for name, topic in self._topics.items() if topic.pending}
         if not waiting:
             return
-        part = self.path / ".part"
-        with Writer(part, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
-            for name, topic in waiting.items():
-                connection = writer.add_connection(
-                    name, topic.type, msgdef=topic.definition, rihs01=topic.hash, offered_qos_profiles=[topic.qos]
-                )
-                for time_ns, data in topic.pending:
-                    writer.write(connection, time_ns, data)
-        times = [time_ns for topic in waiting.values() for time_ns, _ in topic.pending]
         name = f"{self.path.name}_{len(self._files)}.mcap"
-        (part / ".part.mcap").rename(self.path / name)
-        shutil.rmtree(part)
+        times = [time_ns for topic in waiting.values() for time_ns, _ in topic.pending]
+        self._write_file(name, ((topic, *one) for topic in waiting for one in self._topics[topic].pending))
         self._files.append((name, min(times), max(times), len(times)))
         for topic in waiting.values():
             topic.count += len(topic.pending)
@@ -136,7 +130,33 @@ class SegmentedBag:
         self._write_metadata()
 
     def close(self) -> None:
+        """Flush, and join the files of a bag of up to `JOINED` messages."""
         self.flush()
+        if len(self._files) < 2 or self.message_count > JOINED:
+            return
+        with Reader(self.path) as reader:
+            self._write_file(f"{self.path.name}.mcap", ((c.topic, t, data) for c, t, data in reader.messages()))
+        parts = self._files
+        first, last = min(start for _, start, _, _ in parts), max(end for _, _, end, _ in parts)
+        self._files = [(f"{self.path.name}.mcap", first, last, self.message_count)]
+        self._write_metadata()
+        for name, *_ in parts:
+            (self.path / name).unlink()
+
+    def _write_file(self, name: str, messages: Iterable[tuple[str, int, bytes]]) -> None:
+        """One complete MCAP file, which appears whole."""
+        aside = self.path / ".part"
+        connections = {}
+        with Writer(aside, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
+            for topic, time_ns, data in messages:
+                if topic not in connections:
+                    t = self._topics[topic]
+                    connections[topic] = writer.add_connection(
+                        topic, t.type, msgdef=t.definition, rihs01=t.hash, offered_qos_profiles=[t.qos]
+                    )
+                writer.write(connections[topic], time_ns, data)
+        (aside / ".part.mcap").rename(self.path / name)
+        shutil.rmtree(aside)
 
     def _write_metadata(self) -> None:
         start = min((first for _, first, _, _ in self._files), default=0)

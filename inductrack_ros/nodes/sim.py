@@ -186,9 +186,12 @@ class SimNode(Node):
             self._topics.state(stamp_of(self._stamp_ns()), self.simulation.x)
         if time.monotonic() - self._answered_at > self._options["lockstep_timeout"]:
             self._answered_at = time.monotonic()
+            missing = f"no answer on lockstep/done to the pose at {self.simulation.time:.3f} s"
+            if self._answer is not None:
+                missing = f"the answer speaks of {self._answer} pulses, {self._pulses_since_tick} came"
             self.get_logger().warning(
-                f"lockstep: no answer on lockstep/done to the pose at {self.simulation.time:.3f} s "
-                f"for {self._options['lockstep_timeout']:g} s; is the controller running, with lockstep: true?"
+                f"lockstep: {missing} for {self._options['lockstep_timeout']:g} s; "
+                "is the controller running, with lockstep: true?"
             )
 
     def _controller_listens(self) -> bool:
