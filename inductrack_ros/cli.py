@@ -276,6 +276,47 @@ def _compare(arguments: argparse.Namespace) -> None:
     print(f"{Path(arguments.output) / 'report.html'}")
 
 
+# ---------------------------------------------------------------- diagnose
+
+
+def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
+    _campaign_arguments(parser)
+    parser.epilog = (
+        "Fits the free parameters and every run's initial state, decides whether anything is missing, and if so which\n"
+        "effect, how large, and what run would settle what these data leave open. A minute for a dozen runs.\n"
+        "Writes report.html, diagnosis.json and model.yaml, the improved model."
+    )
+
+
+def _diagnose(arguments: argparse.Namespace) -> None:
+    campaign, model = _load(arguments)
+    with output_folder(arguments.output, campaign.folder) as folder:
+        from .diagnosis.diagnose import diagnose
+        from .reports.diagnosis_report import diagnosis_report, verdict
+
+        with _progress() as tell:
+            result = diagnose(campaign, model, tell)
+        result.write(folder)
+        (folder / "report.html").write_text(diagnosis_report(result), encoding="utf-8")
+    print(verdict(result))
+    if result.next_experiment:
+        print(f"Next experiment: {result.next_experiment}")
+    print(f"{Path(arguments.output) / 'report.html'}")
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """What is being tried, on one line of a terminal that is gone when it is done; nothing where nobody watches."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    width = shutil.get_terminal_size().columns - 1
+    try:
+        yield lambda words: print(f"\r\x1b[2K{words[:width]}", end="", file=sys.stderr, flush=True)
+    finally:
+        print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+
 # ---------------------------------------------------------------- the table
 
 
@@ -294,6 +335,7 @@ def _delivered(module: str) -> tuple[Callable[[argparse.ArgumentParser], None], 
 COMMANDS = (
     Command("simulate", "simulate one run into a CSV or a bag, without ROS", _simulate_arguments, _simulate),
     Command("compare", "show where a model fails to predict a campaign's measurements", _compare_arguments, _compare),
+    Command("diagnose", "find out which effect a model misses, if any", _diagnose_arguments, _diagnose),
     Command(
         "fit",
         "fit parameters to travel distances or campaigns, and say how well they are known",

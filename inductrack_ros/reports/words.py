@@ -83,6 +83,8 @@ def listed(names: list[str] | tuple[str, ...], joint: str = "and") -> str:
 
 def effect_name(name: str) -> str:
     """``sensor_delay:heave`` → ``sensor delay (heave)``."""
+    if name.startswith("stand_in_"):
+        return f"stand-in for the unknown in {name.removeprefix('stand_in_')}"
     base, _, channel = name.partition(":")
     return base.replace("_", " ") + (f" ({channel.replace('_', ' ')})" if channel else "")
 
