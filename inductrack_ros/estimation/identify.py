@@ -114,38 +114,41 @@ class Identification:
     def _held(self, u: Array, held: int, jacobian: Array, tolerance: float) -> tuple[Array, float]:
         """Minimise over all coordinates but ``held``; returns u and the misfit, the latter good to ``tolerance``.
 
-        Gauss–Newton with the Jacobian (n, p) of a point near by, which costs one simulation a step; where that does
-        not go down, a full least-squares fit.
+        Gauss–Newton with the ``jacobian`` (n, p) of a point near by, which costs one simulation a step; where that does
+        not go down, or goes down slowly, the derivatives are taken afresh, and then the step is halved.
         """
-        moving = np.arange(len(u)) != held
-        r = self._residuals(u)
-        for _ in range(8):
-            if not moving.any():
+        moving = np.flatnonzero(np.arange(len(u)) != held)
+        r, fresh, halvings, last = self._residuals(u), False, 0, math.inf
+        for _ in range(40):
+            if not len(moving):
                 break
             step = np.linalg.lstsq(jacobian[:, moving], -r, rcond=None)[0]
-            if np.sum((jacobian[:, moving] @ step) ** 2) < tolerance:
+            promised = float(np.sum((jacobian[:, moving] @ step) ** 2))
+            if promised < tolerance or halvings > 12:
                 break
-            there = u.copy()
-            there[moving] = np.clip(u[moving] + step, self.low[moving], self.high[moving])
-            r_there = self._residuals(there)
-            if not r_there @ r_there < r @ r:
-                return self._held_slowly(u, moving)
-            u, r = there, r_there
-        else:
-            return self._held_slowly(u, moving)
+            better = False
+            if fresh or promised < 0.25 * last:
+                there = u.copy()
+                there[moving] = np.clip(u[moving] + 0.5**halvings * step, self.low[moving], self.high[moving])
+                r_there = self._residuals(there)
+                better = bool(r_there @ r_there < r @ r)
+            if better:
+                u, r, fresh, halvings, last = there, r_there, False, 0, promised
+            elif fresh:
+                halvings += 1
+            else:
+                jacobian, fresh, last = self._jacobian(u, r, moving), True, math.inf
         return u, float(r @ r)
 
-    def _held_slowly(self, u: Array, moving: Array) -> tuple[Array, float]:
-        def partial(v: Array) -> Array:
-            full = u.copy()
-            full[moving] = v
-            return self._residuals(full)
-
-        inside = np.clip(u[moving], self.low[moving] + 1e-9, self.high[moving] - 1e-9)
-        found = optimize.least_squares(partial, inside, bounds=(self.low[moving], self.high[moving]), diff_step=1e-6, max_nfev=40)
-        best = u.copy()
-        best[moving] = found.x
-        return best, float(2 * found.cost)
+    def _jacobian(self, u: Array, r: Array, moving: Array) -> Array:
+        """Derivatives (n, p) of the residuals r at u by forward differences; columns that do not move are zero."""
+        jacobian = np.zeros((len(r), len(u)))
+        for i in moving:
+            there = u.copy()
+            step = 1e-6 * max(abs(u[i]), 1e-3)
+            there[i] += step if u[i] + step <= self.high[i] else -step
+            jacobian[:, i] = (self._residuals(there) - r) / (there[i] - u[i])
+        return jacobian
 
     def fit(self, nelder_mead: bool = True) -> Fit:
         """Fit by least squares, and by Nelder–Mead from the same start unless told not to. Raises `InputError` where data cannot decide at all."""
@@ -160,12 +163,16 @@ class Identification:
             counts["Nelder–Mead"] = self.evaluations
             noise_floor = 1.0 if self.misfit.noise_known else 0.0
             other, r, j = self._least_squares(simplex)
-            if r @ r < residuals @ residuals - 1e-4 * (r @ r + noise_floor):  # the simplex looked farther: another minimum
+            if r @ r < residuals @ residuals - 1e-4 * (
+                r @ r + noise_floor
+            ):  # the simplex looked farther: another minimum
                 best, residuals, jacobian = other, r, j
         degrees = len(residuals) - len(best) - self.misfit.nuisance
         if degrees < 0 or (degrees == 0 and not self.misfit.noise_known):
             need = len(best) + self.misfit.nuisance + (not self.misfit.noise_known)
-            raise InputError(f"{len(residuals)} measurements cannot fix {len(best)} parameters; give at least {need}, or free fewer")
+            raise InputError(
+                f"{len(residuals)} measurements cannot fix {len(best)} parameters; give at least {need}, or free fewer"
+            )
         noise = 1.0 if self.misfit.noise_known else math.sqrt(max(residuals @ residuals / degrees, 1e-300))
         normal = jacobian.T @ jacobian
         unit = np.outer(self.unit, self.unit)
@@ -239,7 +246,16 @@ class Identification:
         rises = np.array([f[1] for f in found])
         others = np.array([f[2] for f in found])
         low, high = _crossing(values, rises, centre, limit, -1), _crossing(values, rises, centre, limit, 1)
-        return Profile(name, centre, values, rises / (1.0 if fit.noise_known else fit.noise**2), others, limit / (1.0 if fit.noise_known else fit.noise**2), low, high)
+        return Profile(
+            name,
+            centre,
+            values,
+            rises / (1.0 if fit.noise_known else fit.noise**2),
+            others,
+            limit / (1.0 if fit.noise_known else fit.noise**2),
+            low,
+            high,
+        )
 
 
 def _inverse(normal: Array) -> Array:
@@ -334,7 +350,9 @@ def verdict(fit: Fit, profiles: Sequence[Profile]) -> str:
         names = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
         return f"The valley is flat: these data do not determine {names}. {combination}".strip()
     widths = ", ".join(
-        f"{_SYMBOLS.get(p.name, p.name)} = {_rounded(p)}" + (f" ±{_percent(0.5 * (p.high - p.low) / abs(p.best))}" if p.best else "") for p in profiles
+        f"{_SYMBOLS.get(p.name, p.name)} = {_rounded(p)}"
+        + (f" ±{_percent(0.5 * (p.high - p.low) / abs(p.best))}" if p.best else "")
+        for p in profiles
     )
     tied = ""
     if len(fit.values) > 1 and (r := np.abs(fit.correlation - np.eye(len(fit.values))).max()) > 0.9:
@@ -345,7 +363,11 @@ def verdict(fit: Fit, profiles: Sequence[Profile]) -> str:
 def _rounded(p: Profile) -> str:
     """The best value to the digits that its interval leaves."""
     half = 0.5 * (p.high - p.low)
-    return f"{p.best:.{int(np.clip(1 - math.floor(math.log10(half)), 0, 12))}f}" if 0 < half < math.inf else f"{p.best:.4g}"
+    return (
+        f"{p.best:.{int(np.clip(1 - math.floor(math.log10(half)), 0, 12))}f}"
+        if 0 < half < math.inf
+        else f"{p.best:.4g}"
+    )
 
 
 def _percent(x: float) -> str:

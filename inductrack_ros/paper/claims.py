@@ -76,7 +76,9 @@ class Claims:
             "coils_in_pulse": p["pulse_length"] / coil_time,
             "critical": runs.critical_speed,
             "critical_true_impulse": critical_speed(self.model.with_changes({"gamma": 2 * p["gamma"]})),
-            "critical_26_coils": critical_speed(self.model.with_changes({"coils_per_wavelength": 2 * p["coils_per_wavelength"]})),
+            "critical_26_coils": critical_speed(
+                self.model.with_changes({"coils_per_wavelength": 2 * p["coils_per_wavelength"]})
+            ),
             "lift_to_drag": float(runs.corner_ratio(40.0)),
             "speed_for_200": 200 / float(runs.corner_ratio(1.0)),
             "net_lift_to_drag": self.net_lift_to_drag,

@@ -8,8 +8,12 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument("--model", metavar="MODEL.yaml", help="another rig than the paper's (default: config/paper.yaml)")
-    parser.add_argument("--output", metavar="DIR", required=True, help="folder for report.html and paper.json; made if need be")
+    parser.add_argument(
+        "--model", metavar="MODEL.yaml", help="another rig than the paper's (default: config/paper.yaml)"
+    )
+    parser.add_argument(
+        "--output", metavar="DIR", required=True, help="folder for report.html and paper.json; made if need be"
+    )
     parser.epilog = "example:\n  inductrack paper --output paper\n\nTakes half a minute. The page has every table, figure and claim of the paper beside what the model gives."
 
 

@@ -24,7 +24,9 @@ def passing_pulses(model: Model, speed: float, delay: float, coils: range) -> Pu
     return Pulses(n * pitch / speed - tau / 2 + delay, n, sign * model.parameters["drive_current"])
 
 
-def thrust_in_time(model: Model, speed: float, delay: float = 0.0, periods: float = 1.0, points: int = 201) -> tuple[Array, Array]:
+def thrust_in_time(
+    model: Model, speed: float, delay: float = 0.0, periods: float = 1.0, points: int = 201
+) -> tuple[Array, Array]:
     """Times (n,) and pulse-by-pulse thrust (n,) in N at a held speed on the equilibrium heave, from one coil on."""
     pulsed = model.with_changes(drive="pulses")
     pitch, tau = model.parameters["wavelength"] / 2, model.parameters["pulse_length"]
@@ -113,5 +115,8 @@ def drive_test(model: Model) -> DriveTest:
 def _free_run(model: Model, speed: float) -> FreeRun:
     times, states = run_by_pulses(model, speed, 1.0)
     span = np.array([0.0, times[-1]])
-    travels = [m.simulate(span, m.initial_state(surge_rate=speed))["surge"][-1] for m in (model, model.with_changes(effects=["finite_pulse_width"]))]
+    travels = [
+        m.simulate(span, m.initial_state(surge_rate=speed))["surge"][-1]
+        for m in (model, model.with_changes(effects=["finite_pulse_width"]))
+    ]
     return FreeRun(speed, float(travels[0]), float(states[-1, 0]), float(travels[1]))

@@ -32,13 +32,32 @@ def _line(x, y, name: str, colour: str, **more: Any) -> dict[str, Any]:
 
 def _dots(x, y, name: str, colour: str, **more: Any) -> dict[str, Any]:
     marker = {"color": colour, "size": more.pop("size", 7), "symbol": more.pop("symbol", "circle")}
-    return {"type": "scatter", "mode": "markers", "x": packed(x), "y": packed(y), "name": name, "marker": marker, **more}
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": packed(x),
+        "y": packed(y),
+        "name": name,
+        "marker": marker,
+        **more,
+    }
 
 
-def _at(x: float, words: str, colour: str = "@soft", axis: str = "x", up: float = 1.0, side: str = "left") -> tuple[dict, dict]:
+def _at(
+    x: float, words: str, colour: str = "@soft", axis: str = "x", up: float = 1.0, side: str = "left"
+) -> tuple[dict, dict]:
     """A vertical line with words at its top: a shape and an annotation."""
     number_ = axis.removeprefix("x")
-    shape = {"type": "line", "xref": axis, "yref": f"y{number_} domain", "x0": x, "x1": x, "y0": 0, "y1": 1, "line": {"color": colour, "width": 1, "dash": "dot"}}
+    shape = {
+        "type": "line",
+        "xref": axis,
+        "yref": f"y{number_} domain",
+        "x0": x,
+        "x1": x,
+        "y0": 0,
+        "y1": 1,
+        "line": {"color": colour, "width": 1, "dash": "dot"},
+    }
     note = {
         "xref": axis, "yref": f"y{number_} domain", "x": x, "y": up, "text": words, "showarrow": False, "font": {"color": colour, "size": 12},
         "xanchor": side, "yanchor": "top", "xshift": 4 if side == "left" else -4, "bgcolor": "@page", "borderpad": 1,
@@ -80,7 +99,12 @@ def picture(rows: Sequence[Row]) -> Figure:
         "shapes": [{"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1, "line": {"color": "@soft", "width": 1}}],
         "margin": {"l": 8, "r": 20, "t": 8, "b": 8},
     }  # fmt: skip
-    return Figure(data, layout, "What the model gives over what the paper prints, for each number of the paper", 30 * len(shown) + 60)
+    return Figure(
+        data,
+        layout,
+        "What the model gives over what the paper prints, for each number of the paper",
+        30 * len(shown) + 60,
+    )
 
 
 # ---------------------------------------------------------------- the paper's figures
@@ -109,7 +133,11 @@ def figure_4(runs: Runs) -> Figure:
         _line(gap, orbit.run["heave_rate"], "20 swings", BLUE, width=1),
         _line(gap[turn], orbit.run["heave_rate"][turn], "the first", ORANGE, width=2, dash="dash"),
     ]
-    return Figure(data, _layout("gap under the top array (cm)", "vertical speed (m/s)"), f"Closed orbit of heave at a held speed of {SPEED_4:g} m/s")
+    return Figure(
+        data,
+        _layout("gap under the top array (cm)", "vertical speed (m/s)"),
+        f"Closed orbit of heave at a held speed of {SPEED_4:g} m/s",
+    )
 
 
 def figure_5(runs: Runs) -> Figure:
@@ -121,21 +149,35 @@ def figure_5(runs: Runs) -> Figure:
     ]
     mark = _at(runs.lowest_speed, f"carries the weight<br>from {runs.lowest_speed:.2f} m/s on", side="right")
     layout = _layout("speed (m/s)", "net lift with all gaps at 10 mm (N)", [mark], yaxis={"rangemode": "tozero"})
-    layout["yaxis2"] = {"title": {"text": "gap that carries (mm)"}, "overlaying": "y", "tickmode": "auto", "side": "right", "range": [0, 8], "showgrid": False}
+    layout["yaxis2"] = {
+        "title": {"text": "gap that carries (mm)"},
+        "overlaying": "y",
+        "tickmode": "auto",
+        "side": "right",
+        "range": [0, 8],
+        "showgrid": False,
+    }
     return Figure(data, layout, "Lift and equilibrium gap over speed")
 
 
 def figure_6(runs: Runs) -> Figure:
     """Travel in 2 s over the initial speed."""
     f = runs.figure_6
-    data = [_line(f["speed"], f["travel"], "travel in 2 s", BLUE), _line(f["speed"], 2 * f["speed"], "at constant speed", "@soft", width=1, dash="dash")]
+    data = [
+        _line(f["speed"], f["travel"], "travel in 2 s", BLUE),
+        _line(f["speed"], 2 * f["speed"], "at constant speed", "@soft", width=1, dash="dash"),
+    ]
     critical = runs.critical_speed
     marks = [
         _at(critical, f"equations {critical:.2f}", BLUE, up=0.98, side="right"),
         _at(16.2, "text 16.2", ORANGE, up=0.88),
         _at(18.5, "caption 18.5", ORANGE, up=0.98, side="right"),
     ]
-    return Figure(data, _layout("initial speed (m/s)", "travel in 2 s (m)", marks, yaxis={"rangemode": "tozero"}), "Travel in 2 s over initial speed")
+    return Figure(
+        data,
+        _layout("initial speed (m/s)", "travel in 2 s (m)", marks, yaxis={"rangemode": "tozero"}),
+        "Travel in 2 s over initial speed",
+    )
 
 
 def figure_7(runs: Runs) -> tuple[Figure, Figure, Figure]:
@@ -145,13 +187,25 @@ def figure_7(runs: Runs) -> tuple[Figure, Figure, Figure]:
     mark = _at(touch, f"touches at {touch:.2f} s")
     a = Figure(
         [_line(t, 1e3 * run["gap_top"][thin], "gap", BLUE)],
-        _layout("time (s)", "gap under the top array (mm)", [_at(touch, f"touches at {touch:.4f} s")], showlegend=False),
+        _layout(
+            "time (s)", "gap under the top array (mm)", [_at(touch, f"touches at {touch:.4f} s")], showlegend=False
+        ),
         "Figure 7a: gap over time, touching at 1.19 s",
     )
     b_layout = _layout("time (s)", "travel (m)", [mark], yaxis={"rangemode": "tozero"})
-    b_layout["yaxis2"] = {"title": {"text": "speed (m/s)"}, "overlaying": "y", "tickmode": "auto", "side": "right", "rangemode": "tozero", "showgrid": False}
+    b_layout["yaxis2"] = {
+        "title": {"text": "speed (m/s)"},
+        "overlaying": "y",
+        "tickmode": "auto",
+        "side": "right",
+        "rangemode": "tozero",
+        "showgrid": False,
+    }
     b = Figure(
-        [_line(t, run["surge"][thin], "travel (m)", BLUE), _line(t, run["surge_rate"][thin], "speed (m/s)", ORANGE, yaxis="y2")],
+        [
+            _line(t, run["surge"][thin], "travel (m)", BLUE),
+            _line(t, run["surge_rate"][thin], "speed (m/s)", ORANGE, yaxis="y2"),
+        ],
         b_layout,
         "Figure 7b: travel and speed over time",
     )
@@ -174,11 +228,27 @@ def figure_10(runs: Runs) -> tuple[Figure, Figure, Figure]:
     run, thin = runs.figure_10, slice(None, None, 4)
     t = run.times[thin]
     first, second = first_zero(run.times, run["gap_top"]), runs.second_touch
-    marks = [_at(first, f"top touches, {first:.2f} s"), _at(second, f"side, {second:.2f} s", side="right"), _at(2.5, "paper: 2.5 s", ORANGE, up=0.12, side="right")]
+    marks = [
+        _at(first, f"top touches, {first:.2f} s"),
+        _at(second, f"side, {second:.2f} s", side="right"),
+        _at(2.5, "paper: 2.5 s", ORANGE, up=0.12, side="right"),
+    ]
     f = runs.figure_10_moment
-    a = Figure([_line(t, 1e3 * run["sway"][thin], "slip", BLUE)], _layout("time (s)", "slip (mm, left)", marks, showlegend=False), "Figure 10a: slip over time")
-    b = Figure([_line(f["times"], f["moment"], "moment", BLUE)], _layout("time (s)", "roll moment (N·m)", marks, showlegend=False), "Figure 10b: roll moment over time")
-    c = Figure([_line(t, np.degrees(run["roll"][thin]), "roll", BLUE)], _layout("time (s)", "roll (°)", marks, showlegend=False), "Figure 10c: roll over time")
+    a = Figure(
+        [_line(t, 1e3 * run["sway"][thin], "slip", BLUE)],
+        _layout("time (s)", "slip (mm, left)", marks, showlegend=False),
+        "Figure 10a: slip over time",
+    )
+    b = Figure(
+        [_line(f["times"], f["moment"], "moment", BLUE)],
+        _layout("time (s)", "roll moment (N·m)", marks, showlegend=False),
+        "Figure 10b: roll moment over time",
+    )
+    c = Figure(
+        [_line(t, np.degrees(run["roll"][thin]), "roll", BLUE)],
+        _layout("time (s)", "roll (°)", marks, showlegend=False),
+        "Figure 10c: roll over time",
+    )
     return a, b, c
 
 
@@ -195,10 +265,19 @@ def damping(claims: Claims, found: Sequence[Modes]) -> Figure:
         _line(speed, [m.both_damping for m in found], "both", GREEN, width=3),
     ]
     corner, end = claims.beyond["current_sign_change"], claims.beyond["both_sign_change"]
-    marks = [_at(corner, f"R/kL, {corner:.1f} m/s", ORANGE), _at(end, f"unstable above {end:.1f} m/s", GREEN, up=0.8)]
-    layout = _layout("speed (m/s)", "damping in heave (N·s/m)", marks, yaxis={"range": [-0.6, 3]}, xaxis={"range": [8, 60]})
-    layout["legend"] = {"orientation": "h", "x": 0, "y": -0.25, "yanchor": "top"}
-    return Figure(data, layout, "Damping in heave over speed, by cause", 420)
+    marks = [_at(corner, f"R/kL, {corner:.1f} m/s", ORANGE), _at(end, f"unstable above {end:.1f} m/s", GREEN, up=0.4)]
+    layout = _layout(
+        "speed (m/s)", "damping in heave (N·s/m)", marks, yaxis={"range": [-0.6, 3]}, xaxis={"range": [8, 60]}
+    )
+    layout["legend"] = {
+        "orientation": "v",
+        "x": 0.99,
+        "xanchor": "right",
+        "y": 0.99,
+        "yanchor": "top",
+        "bgcolor": "@page",
+    }
+    return Figure(data, layout, "Damping in heave over speed, by cause", 360)
 
 
 def frequencies(found: Sequence[Modes]) -> Figure:
@@ -209,7 +288,11 @@ def frequencies(found: Sequence[Modes]) -> Figure:
         _line(speed, [m.lateral_frequencies[1] for m in found], "roll with sway", PURPLE),
         _line(speed, [m.lateral_frequencies[0] for m in found], "sway with roll", GREEN),
     ]
-    return Figure(data, _layout("speed (m/s)", "natural frequency (Hz)", yaxis={"rangemode": "tozero"}), "Natural frequencies over speed")
+    return Figure(
+        data,
+        _layout("speed (m/s)", "natural frequency (Hz)", yaxis={"rangemode": "tozero"}),
+        "Natural frequencies over speed",
+    )
 
 
 def stiffness(found: Sequence[Modes]) -> Figure:
@@ -221,7 +304,14 @@ def stiffness(found: Sequence[Modes]) -> Figure:
         _line(speed, [m.roll_stiffness for m in found], "roll (N·m/rad)", PURPLE, yaxis="y2"),
     ]
     layout = _layout("speed (m/s)", "stiffness (N/mm)", yaxis={"range": [0, 30]})
-    layout["yaxis2"] = {"title": {"text": "roll (N·m/rad)"}, "overlaying": "y", "tickmode": "auto", "side": "right", "range": [0, 90], "showgrid": False}
+    layout["yaxis2"] = {
+        "title": {"text": "roll (N·m/rad)"},
+        "overlaying": "y",
+        "tickmode": "auto",
+        "side": "right",
+        "range": [0, 90],
+        "showgrid": False,
+    }
     return Figure(data, layout, "Stiffness in heave, sway and roll over speed")
 
 
@@ -229,7 +319,13 @@ def growth(found: Sequence[Modes], critical: float) -> Figure:
     """How fast an error of the speed grows, in steady flight at each speed."""
     speed = [m.speed for m in found]
     data = [_line(speed, [m.growth for m in found], "growth", ORANGE)]
-    layout = _layout("speed (m/s)", "growth of a speed error (1/s)", [_at(critical, f"critical speed, {critical:.2f} m/s")], showlegend=False, yaxis={"rangemode": "tozero"})
+    layout = _layout(
+        "speed (m/s)",
+        "growth of a speed error (1/s)",
+        [_at(critical, f"critical speed, {critical:.2f} m/s")],
+        showlegend=False,
+        yaxis={"rangemode": "tozero"},
+    )
     return Figure(data, layout, "Growth rate of a speed error over speed: positive everywhere")
 
 
@@ -239,8 +335,22 @@ def eigenvalues(found: Sequence[Modes]) -> Figure:
     imaginary = np.concatenate([m.eigenvalues.imag for m in found])
     speed = np.concatenate([np.full(len(m.eigenvalues), m.speed) for m in found])
     upper = imaginary >= 0
-    marker = {"color": speed[upper].tolist(), "colorscale": "Viridis", "size": 6, "colorbar": {"title": {"text": "speed<br>(m/s)"}, "thickness": 12}}
-    data = [{"type": "scatter", "mode": "markers", "x": packed(real[upper]), "y": packed(imaginary[upper]), "marker": marker, "showlegend": False}]
+    marker = {
+        "color": speed[upper].tolist(),
+        "colorscale": "Viridis",
+        "size": 6,
+        "colorbar": {"title": {"text": "speed<br>(m/s)"}, "thickness": 12},
+    }
+    data = [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": packed(real[upper]),
+            "y": packed(imaginary[upper]),
+            "marker": marker,
+            "showlegend": False,
+        }
+    ]
     notes = [
         {"x": -0.4, "y": 43, "text": "heave", "showarrow": False, "xanchor": "right"},
         {"x": 0.1, "y": 31, "text": "roll with sway", "showarrow": False, "xanchor": "left"},
@@ -268,19 +378,64 @@ def drive(model) -> Figure:
         low = [v for v in speeds if 2 * v * tau < 1.6 * of.parameters["wavelength"]]
         name = f"τ = {1e6 * tau:.0f} µs"
         data.append(_dots(low, [mean_ratio(of, v) for v in low], name, colour, xaxis="x2", yaxis="y2", size=6))
-        data.append(_line(fine, closed_formula(of, fine), name, colour, xaxis="x2", yaxis="y2", showlegend=False, width=1.5))
+        data.append(
+            _line(fine, closed_formula(of, fine), name, colour, xaxis="x2", yaxis="y2", showlegend=False, width=1.5)
+        )
     delays, fine = np.linspace(0, 1.2e-3, 13), np.linspace(0, 1.2e-3, 200)
-    for speed, colour, shape in zip(DELAY_SPEEDS, (GREEN, BLUE, PURPLE), ("square", "diamond", "triangle-up"), strict=True):
+    for speed, colour, shape in zip(
+        DELAY_SPEEDS, (GREEN, BLUE, PURPLE), ("square", "diamond", "triangle-up"), strict=True
+    ):
         name = f"{speed:g} m/s"
-        data.append(_dots(1e3 * delays, [mean_ratio(model, speed, d) for d in delays], name, colour, xaxis="x3", yaxis="y3", size=7, symbol=shape))
-        data.append(_line(1e3 * fine, closed_formula(model, speed, fine), name, colour, xaxis="x3", yaxis="y3", showlegend=False, width=1.5))
+        data.append(
+            _dots(
+                1e3 * delays,
+                [mean_ratio(model, speed, d) for d in delays],
+                name,
+                colour,
+                xaxis="x3",
+                yaxis="y3",
+                size=7,
+                symbol=shape,
+            )
+        )
+        data.append(
+            _line(
+                1e3 * fine,
+                closed_formula(model, speed, fine),
+                name,
+                colour,
+                xaxis="x3",
+                yaxis="y3",
+                showlegend=False,
+                width=1.5,
+            )
+        )
     titles = ("one pulse every λ/2, at 15.5 m/s", "speed and pulse length, fired in time", "fired late, τ = 600 µs")
     notes = [
-        {"xref": f"x{n} domain", "yref": f"y{n} domain", "x": 0, "y": 1.08, "text": f"<b>{words}</b>", "showarrow": False, "xanchor": "left"}
+        {
+            "xref": f"x{n} domain",
+            "yref": f"y{n} domain",
+            "x": 0,
+            "y": 1.08,
+            "text": f"<b>{words}</b>",
+            "showarrow": False,
+            "xanchor": "left",
+        }
         for n, words in zip(("", "2", "3"), titles, strict=True)
     ]
     band = [
-        {"type": "rect", "xref": f"x{n} domain", "yref": f"y{n}", "x0": 0, "x1": 1, "y0": 0.99, "y1": 1.01, "fillcolor": "@band", "line": {"width": 0}, "layer": "below"}
+        {
+            "type": "rect",
+            "xref": f"x{n} domain",
+            "yref": f"y{n}",
+            "x0": 0,
+            "x1": 1,
+            "y0": 0.99,
+            "y1": 1.01,
+            "fillcolor": "@band",
+            "line": {"width": 0},
+            "layer": "below",
+        }
         for n in ("2", "3")
     ]
     layout = {
@@ -291,7 +446,12 @@ def drive(model) -> Figure:
         "yaxis3": {"title": "mean thrust ÷ averaged law", "anchor": "x3", "range": [-1.1, 1.1]},
         "annotations": notes, "shapes": band, "legend": {"orientation": "h", "x": 0, "y": -0.2, "yanchor": "top"}, "margin": {"l": 8, "r": 8, "t": 40, "b": 8},
     }  # fmt: skip
-    return Figure(data, layout, "Drive pulse by pulse against the averaged law, over time, speed, pulse length and firing delay", 430)
+    return Figure(
+        data,
+        layout,
+        "Drive pulse by pulse against the averaged law, over time, speed, pulse length and firing delay",
+        430,
+    )
 
 
 # ---------------------------------------------------------------- identification
@@ -304,19 +464,59 @@ def profiles(found: Sequence[Profile], truth: Sequence[float] | None = None) -> 
     for k, p in enumerate(found):
         axis = "" if k == 0 else str(k + 1)
         name = SYMBOL.get(p.name, p.name)
-        data.append(_line(p.values, p.rise, name, BLUE, xaxis=f"x{axis}", yaxis=f"y{axis}", mode="lines+markers", marker={"size": 5, "color": BLUE}))
+        data.append(
+            _line(
+                p.values,
+                p.rise,
+                name,
+                BLUE,
+                xaxis=f"x{axis}",
+                yaxis=f"y{axis}",
+                mode="lines+markers",
+                marker={"size": 5, "color": BLUE},
+            )
+        )
         low, high = max(p.low, p.values[0]), min(p.high, p.values[-1])
         layout["shapes"] += [
-            {"type": "rect", "xref": f"x{axis}", "yref": f"y{axis} domain", "x0": low, "x1": high, "y0": 0, "y1": 1, "fillcolor": "@band", "line": {"width": 0}, "layer": "below"},
-            {"type": "line", "xref": f"x{axis} domain", "yref": f"y{axis}", "x0": 0, "x1": 1, "y0": p.threshold, "y1": p.threshold, "line": {"color": "@soft", "width": 1, "dash": "dash"}},
+            {
+                "type": "rect",
+                "xref": f"x{axis}",
+                "yref": f"y{axis} domain",
+                "x0": low,
+                "x1": high,
+                "y0": 0,
+                "y1": 1,
+                "fillcolor": "@band",
+                "line": {"width": 0},
+                "layer": "below",
+            },
+            {
+                "type": "line",
+                "xref": f"x{axis} domain",
+                "yref": f"y{axis}",
+                "x0": 0,
+                "x1": 1,
+                "y0": p.threshold,
+                "y1": p.threshold,
+                "line": {"color": "@soft", "width": 1, "dash": "dash"},
+            },
         ]
         if truth is not None:
             shape, note = _at(truth[k], "true", ORANGE, f"x{axis}", up=0.98)
             layout["shapes"].append(shape)
             layout["annotations"].append(note)
         width = 1 / n
-        layout[f"xaxis{axis}"] = {"title": name, "domain": [k * width + (0.06 if k else 0), (k + 1) * width - 0.01], "anchor": f"y{axis}", "nticks": 5}
-        layout[f"yaxis{axis}"] = {"title": "rise of the misfit (σ²)" if k == 0 else "", "anchor": f"x{axis}", "range": [-0.2, 2.2 * p.threshold]}
+        layout[f"xaxis{axis}"] = {
+            "title": name,
+            "domain": [k * width + (0.06 if k else 0), (k + 1) * width - 0.01],
+            "anchor": f"y{axis}",
+            "nticks": 5,
+        }
+        layout[f"yaxis{axis}"] = {
+            "title": "rise of the misfit (σ²)" if k == 0 else "",
+            "anchor": f"x{axis}",
+            "range": [-0.2, 2.2 * p.threshold],
+        }
     return Figure(data, layout, "Profile likelihood of each parameter with its 95 % interval", 300)
 
 
@@ -330,7 +530,9 @@ def answers(found: np.ndarray, truth: Sequence[float], one: Answer) -> Figure:
         _line(*ellipse, "95 % ellipse as stated", "@soft", width=1),
         _dots([truth[0]], [truth[1]], "true", ORANGE, size=12, symbol="cross"),
     ]
-    return Figure(data, _layout("η", "γ", xaxis={"nticks": 5}), f"Answers of {len(found)} simulated identifications", 320)
+    return Figure(
+        data, _layout("η", "γ", xaxis={"nticks": 5}), f"Answers of {len(found)} simulated identifications", 320
+    )
 
 
 def distances(speed: np.ndarray, left: np.ndarray, std: np.ndarray) -> Figure:

@@ -19,13 +19,45 @@ Writes report.html, fit.json and model.yaml, the model with the fitted values.""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument("data", metavar="DATA", nargs="+", help="a CSV of travel distances, or a campaign's folder; one of each may be given")
-    parser.add_argument("--model", metavar="MODEL.yaml", help="the model to start from (default: the campaign's own, else the paper's)")
-    parser.add_argument("--free", metavar="NAME,…", help="parameters to fit, e.g. eta,gamma,aerodynamic_drag.drag_area (default: the campaign's, else eta,gamma)")
-    parser.add_argument("--start", metavar="NAME=VALUE,…", default="", help="values to start from, e.g. eta=1,gamma=3 (default: the model's)")
-    parser.add_argument("--duration", metavar="S", type=float, help="time the distances were covered in, where the CSV does not say (default: 2)")
-    parser.add_argument("--std", metavar="M", type=float, help="standard deviation of a distance, where the CSV does not say (default: estimated)")
-    parser.add_argument("--effects", metavar="MY_EFFECTS.py", action="append", default=[], help="a file with effects of your own (it is run)")
+    parser.add_argument(
+        "data",
+        metavar="DATA",
+        nargs="+",
+        help="a CSV of travel distances, or a campaign's folder; one of each may be given",
+    )
+    parser.add_argument(
+        "--model", metavar="MODEL.yaml", help="the model to start from (default: the campaign's own, else the paper's)"
+    )
+    parser.add_argument(
+        "--free",
+        metavar="NAME,…",
+        help="parameters to fit, e.g. eta,gamma,aerodynamic_drag.drag_area (default: the campaign's, else eta,gamma)",
+    )
+    parser.add_argument(
+        "--start",
+        metavar="NAME=VALUE,…",
+        default="",
+        help="values to start from, e.g. eta=1,gamma=3 (default: the model's)",
+    )
+    parser.add_argument(
+        "--duration",
+        metavar="S",
+        type=float,
+        help="time the distances were covered in, where the CSV does not say (default: 2)",
+    )
+    parser.add_argument(
+        "--std",
+        metavar="M",
+        type=float,
+        help="standard deviation of a distance, where the CSV does not say (default: estimated)",
+    )
+    parser.add_argument(
+        "--effects",
+        metavar="MY_EFFECTS.py",
+        action="append",
+        default=[],
+        help="a file with effects of your own (it is run)",
+    )
     parser.add_argument("--output", metavar="DIR", required=True, help="folder for the results; made if need be")
     parser.epilog = EPILOG
 
@@ -59,7 +91,13 @@ def run(arguments: argparse.Namespace) -> None:
     model = Model.load(path, extra_files=arguments.effects) if path else Model.create(effect_files=arguments.effects)
     if campaign is not None and campaign.dof is not None:
         model = model.with_changes(dof=campaign.dof)
-    free = tuple(n.strip() for n in arguments.free.split(",")) if arguments.free else campaign.free if campaign else ("eta", "gamma")
+    free = (
+        tuple(n.strip() for n in arguments.free.split(","))
+        if arguments.free
+        else campaign.free
+        if campaign
+        else ("eta", "gamma")
+    )
     model = with_values(model, _start(arguments.start, free))
 
     travel = TravelMisfit(model, free, travels) if travels is not None else None
@@ -69,7 +107,9 @@ def run(arguments: argparse.Namespace) -> None:
     question = Identification(parts[0] if len(parts) == 1 else JointMisfit(parts), start)
     fit = question.fit()
     profiles = [question.profile(fit, name) for name in free]
-    report = FitReport(fit, profiles, verdict(fit, profiles), travels, campaign.name if campaign else "", travel, series)
+    report = FitReport(
+        fit, profiles, verdict(fit, profiles), travels, campaign.name if campaign else "", travel, series
+    )
     fitted = with_values(model, dict(zip(free, fit.values.tolist(), strict=True)))
     text = json.dumps(results(report), indent=1, ensure_ascii=False, allow_nan=False)
     write_files(arguments.output, {"report.html": render(report), "fit.json": text + "\n"})

@@ -66,7 +66,12 @@ def render(report: FitReport) -> str:
     fit = report.fit
     flat = any(p.flat for p in report.profiles)
     about = " and ".join(
-        part for part in (f"{len(report.travels.travel)} travel distances" if report.travels is not None else "", report.campaign and f"campaign {report.campaign}") if part
+        part
+        for part in (
+            f"{len(report.travels.travel)} travel distances" if report.travels is not None else "",
+            report.campaign and f"campaign {report.campaign}",
+        )
+        if part
     )
     first, *rest = report.words.split(". ")
     page = Page(
@@ -76,7 +81,12 @@ def render(report: FitReport) -> str:
         tone="warn" if flat or fit.chance < 1e-4 else "good",
         lead="".join(f"<p>{raised(s.rstrip('.'))}.</p>" for s in rest),
     )
-    page.picture(page.figure(profiles(report.profiles), "Profile likelihood: by how much the least misfit rises when one parameter is held. Green: the 95 % interval."))
+    page.picture(
+        page.figure(
+            profiles(report.profiles),
+            "Profile likelihood: by how much the least misfit rises when one parameter is held. Green: the 95 % interval.",
+        )
+    )
     page.section("Values", _values(report), "values")
     if report.travel is not None:
         page.section("Distances", _distances(page, report), "distances")
@@ -93,12 +103,23 @@ def _values(report: FitReport) -> str:
         simplex = _simplex(fit)[i]
         name = SYMBOL.get(p.name, "")
         label = f"{name} <code>{text(p.name)}</code>"
-        rows.append([label, sized(p.best, float(fit.std[i]), declared.unit), f"{number(p.low, 5)} – {number(p.high, 5)}", number(simplex, 6), number(fit.start[i], 5)])
+        rows.append(
+            [
+                label,
+                sized(p.best, float(fit.std[i]), declared.unit),
+                f"{number(p.low, 5)} – {number(p.high, 5)}",
+                number(simplex, 6),
+                number(fit.start[i], 5),
+            ]
+        )
     values = table(["Parameter", "Least squares ± standard error", "95 % interval", "Nelder–Mead", "Start"], rows)
     names = [SYMBOL.get(n, n) for n in fit.free]
     matrix = ""
     if len(names) > 1:
-        rows = [[text(n), *(f"{c:.4f}".replace("-", "−") for c in row)] for n, row in zip(names, fit.correlation, strict=True)]
+        rows = [
+            [text(n), *(f"{c:.4f}".replace("-", "−") for c in row)]
+            for n, row in zip(names, fit.correlation, strict=True)
+        ]
         matrix = table(["Correlation", *map(text, names)], rows)
     if fit.noise_known:
         noise = f"Misfit {number(fit.misfit, 5)} over {fit.degrees} degrees of freedom, the noise as stated (chance of more: {number(fit.chance, 2)})."
@@ -126,6 +147,11 @@ def _series(report: FitReport) -> str:
     problem, structure = series.problem, series.structure
     states = [np.array(s) for s in series.found.states]
     rows = []
-    for data, r in zip(problem.runs, problem.residuals(structure, structure.encode(report.fit.values), states), strict=True):
+    for data, r in zip(
+        problem.runs, problem.residuals(structure, structure.encode(report.fit.values), states), strict=True
+    ):
         rows.append([text(data.run.name), f"{len(r)}", f"{np.sqrt(np.nanmean(r**2)):.2f}"])
-    return table(["Run", "Samples", "Error over noise"], rows) + "<p class='soft'>Traces: <code>inductrack compare CAMPAIGN --model model.yaml</code>.</p>"
+    return (
+        table(["Run", "Samples", "Error over noise"], rows)
+        + "<p class='soft'>Traces: <code>inductrack compare CAMPAIGN --model model.yaml</code>.</p>"
+    )

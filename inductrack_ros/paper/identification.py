@@ -89,14 +89,21 @@ def precision(model: Model, speeds: tuple[float, ...]) -> Precision:
 
 
 def coverage(
-    model: Model, speeds: Sequence[float] = SPEEDS, std: float = STD, replicates: int = REPLICATES, seed: int = SEED, noise_known: bool = True
+    model: Model,
+    speeds: Sequence[float] = SPEEDS,
+    std: float = STD,
+    replicates: int = REPLICATES,
+    seed: int = SEED,
+    noise_known: bool = True,
 ) -> tuple[dict[str, int], Array]:
     """How often, out of ``replicates`` simulated identifications, each 95 % interval holds the truth; and all answers (n, 2)."""
     values, exact = truth(model), simulated(model, speeds, std, None)
     noises = std * np.random.default_rng(seed).standard_normal((replicates, len(speeds)))
 
     def once(noise: Array) -> tuple[list[bool], Array]:
-        noisy = replace(exact, travel=exact.travel + noise, std=exact.std if noise_known else np.full(len(speeds), np.nan))
+        noisy = replace(
+            exact, travel=exact.travel + noise, std=exact.std if noise_known else np.full(len(speeds), np.nan)
+        )
         question = Identification(TravelMisfit(model, FREE, noisy), values)
         fit = question.fit(nelder_mead=False)
         return [question.covers(fit, name, value) for name, value in zip(FREE, values, strict=True)], fit.values

@@ -15,7 +15,11 @@ from .claims import AGREES, CLOSE, DISAGREES, Row
 from .identification import FLAT_SPEEDS, FLAT_STD, FREE, SPEEDS, STD, Precision, truth
 from .reproduction import Reproduction, verdict
 
-KINDS = {"typo": "a typo", "contradiction": "the paper contradicts itself", "assumption": "depends on what the paper does not print"}
+KINDS = {
+    "typo": "a typo",
+    "contradiction": "the paper contradicts itself",
+    "assumption": "depends on what the paper does not print",
+}
 SYMBOL = {"eta": "η", "gamma": "γ"}
 
 
@@ -32,7 +36,12 @@ def render(work: Reproduction) -> str:
         foot=f'<p>The paper: {text(facts.authors)}, <em>{text(facts.title)}</em>, Journal of Vibration and Control, 2012, <a href="https://doi.org/{facts.doi}">doi {facts.doi}</a>. '
         "Its curves were not digitised: lay the paper beside this page.</p>",
     )
-    page.picture(page.figure(figures.picture(rows), "What the model gives over what the paper prints. Green: agrees; amber: close; orange: does not."))
+    page.picture(
+        page.figure(
+            figures.picture(rows),
+            "What the model gives over what the paper prints. Green: agrees; amber: close; orange: does not.",
+        )
+    )
     page.section("Every claim", _claims_table(rows), "claims")
     page.section("Tables 1 and 2", _tables(work), "tables")
     page.section("Figures", _figures(page, work), "figures")
@@ -65,7 +74,14 @@ def _choice_words(work: Reproduction) -> str:
 
 
 def _claims_table(rows: Sequence[Row]) -> str:
-    widths = (("Where", 5.5, _W), ("The paper says", 15, _W), ("Paper", 8, ""), ("Model", 8, ""), ("Verdict", 9, _W), ("Why", 28.5, _W))
+    widths = (
+        ("Where", 5.5, _W),
+        ("The paper says", 15, _W),
+        ("Paper", 8, ""),
+        ("Model", 8, ""),
+        ("Verdict", 9, _W),
+        ("Why", 28.5, _W),
+    )
     head = "".join(f'<th scope="col"{c} style="width:{w}rem">{h}</th>' for h, w, c in widths)
     body = "".join(f'<tr id="claim-{r.claim.id}">{_claim_cells(r)}</tr>' for r in rows)
     return (
@@ -103,20 +119,50 @@ def _found(row: Row) -> str:
 def _tables(work: Reproduction) -> str:
     p, facts = work.model.parameters, work.facts
     rows = [
-        [text(r["symbol"]), text(r["meaning"]), number(r["value"], 5), number(p[r["parameter"]], 5), text(r["unit"]), f"<code>{r['parameter']}</code>"]
+        [
+            text(r["symbol"]),
+            text(r["meaning"]),
+            number(r["value"], 5),
+            number(p[r["parameter"]], 5),
+            text(r["unit"]),
+            f"<code>{r['parameter']}</code>",
+        ]
         for r in [*facts.table_1, *facts.elsewhere]
     ]
-    printed = table(["Symbol", "Meaning", "Paper", "Used", "Unit", "Parameter"], rows, "Table 1, and three values the paper prints elsewhere", words=2)
+    printed = table(
+        ["Symbol", "Meaning", "Paper", "Used", "Unit", "Parameter"],
+        rows,
+        "Table 1, and three values the paper prints elsewhere",
+        words=2,
+    )
     rows = [
-        [text(r["symbol"]), text(PARAMETERS[r["parameter"]].meaning), text(r["why"]), number(p[r["parameter"]], 5), PARAMETERS[r["parameter"]].unit, f"<code>{r['parameter']}</code>"]
+        [
+            text(r["symbol"]),
+            text(PARAMETERS[r["parameter"]].meaning),
+            text(r["why"]),
+            number(p[r["parameter"]], 5),
+            PARAMETERS[r["parameter"]].unit,
+            f"<code>{r['parameter']}</code>",
+        ]
         for r in facts.assumed
     ]
-    assumed = table(["Symbol", "Meaning", "Why", "Used", "Unit", "Parameter"], rows, "Assumed: not in the paper", words=3)
+    assumed = table(
+        ["Symbol", "Meaning", "Why", "Used", "Unit", "Parameter"], rows, "Assumed: not in the paper", words=3
+    )
     rows = []
     for r in facts.table_2:
         i = FREE.index(r["parameter"])
         fit = work.identified.fit
-        rows.append([text(r["symbol"]), text(r["meaning"]), number(r["before"], 5), number(r["after"], 5), sized(float(fit.values[i]), float(fit.std[i])), number(float(fit.nelder_mead[i]), 6)])
+        rows.append(
+            [
+                text(r["symbol"]),
+                text(r["meaning"]),
+                number(r["before"], 5),
+                number(r["after"], 5),
+                sized(float(fit.values[i]), float(fit.std[i])),
+                number(float(fit.nelder_mead[i]), 6),
+            ]
+        )
     second = table(
         ["Symbol", "Meaning", "Before", "After", "Found again", "by Nelder–Mead"], rows,
         f"Table 2, and what the fit finds from the paper's starting values, given four distances simulated at the published ones (± {100 * STD:g} cm)", words=2,
@@ -138,11 +184,20 @@ def _figures(page: Page, work: Reproduction) -> str:
             f"<b>Figure 4.</b> 1-DOF at 20 m/s, η = 1, let go at 10 mm: closed. Period {orbit.period:.4f} s, {100 * orbit.low:.3f}–{100 * orbit.high:.3f} cm, ±{orbit.fastest:.4f} m/s; "
             f"20 swings lose {abs(1e9 * orbit.lost):.2g} nm.",
         ),
-        (figures.figure_5(r), f"<b>Figure 5.</b> Net lift with all gaps at 10 mm, where it never carries the weight of {r.weight:.1f} N, and the gap on which it does."),
-        (figures.figure_6(r), "<b>Figure 6.</b> Travel in 2 s. Below the critical speed the cradle stops, above it it runs away: the averaged thrust grows with the speed."),
+        (
+            figures.figure_5(r),
+            f"<b>Figure 5.</b> Net lift with all gaps at 10 mm, where it never carries the weight of {r.weight:.1f} N, and the gap on which it does.",
+        ),
+        (
+            figures.figure_6(r),
+            "<b>Figure 6.</b> Travel in 2 s. Below the critical speed the cradle stops, above it it runs away: the averaged thrust grows with the speed.",
+        ),
         (seven[0], "<b>Figure 7a.</b> 2-DOF from 15.5 m/s: heave."),
         (seven[1], "<b>Figure 7b.</b> Travel and speed."),
-        (seven[2], "<b>Figure 7c.</b> Forces; drag is three times the lift. The contact carries the weight at the end."),
+        (
+            seven[2],
+            "<b>Figure 7c.</b> Forces; drag is three times the lift. The contact carries the weight at the end.",
+        ),
         (ten[0], "<b>Figure 10a.</b> 4-DOF, 4 mm off the centre at −0.1 m/s: slip."),
         (ten[1], "<b>Figure 10b.</b> Roll moment of the magnets."),
         (ten[2], "<b>Figure 10c.</b> Roll."),
@@ -179,7 +234,10 @@ def _stability(page: Page, work: Reproduction) -> str:
         (figures.eigenvalues(work.modes), "Eigenvalues of the 4-DOF model (steady coil current) over speed."),
         (figures.frequencies(work.modes), "Natural frequencies."),
         (figures.stiffness(work.modes), "Stiffness of the centred, level cradle."),
-        (figures.growth(work.modes, work.runs.critical_speed), "An error of the speed grows at every speed: steady flight needs a controller."),
+        (
+            figures.growth(work.modes, work.runs.critical_speed),
+            "An error of the speed grows at every speed: steady flight needs a controller.",
+        ),
     ]
     return words + numbers + '<div class="two">' + "".join(page.figure(f, t) for f, t in plots) + "</div>"
 
@@ -212,17 +270,24 @@ def _identification(page: Page, work: Reproduction) -> str:
         f"({good.fit.evaluations['least squares']} and {good.fit.evaluations['Nelder–Mead']} evaluations).</p>"
         f"<p>In {len(found)} such identifications the stated 95 % interval held the true η {held['eta']} times and the true γ {held['gamma']} times.</p>"
     )
-    warning = (
-        f'<div class="box"><b>Four distances may also say little.</b> From {_starts(FLAT_SPEEDS)} m/s, which all touch down, known to ± {FLAT_STD:g} m: {raised(flat.words)}</div>'
-    )
+    warning = f'<div class="box"><b>Four distances may also say little.</b> From {_starts(FLAT_SPEEDS)} m/s, which all touch down, known to ± {FLAT_STD:g} m: {raised(flat.words)}</div>'
     return (
         words
         + '<div class="two">'
-        + page.figure(figures.profiles(good.profiles, values), f"Profile likelihood from {_starts(SPEEDS)} m/s, ± {100 * STD:g} cm; green: the 95 % interval.")
-        + page.figure(figures.answers(found, values, good), f"{len(found)} simulated identifications, and the ellipse that one of them states.")
+        + page.figure(
+            figures.profiles(good.profiles, values),
+            f"Profile likelihood from {_starts(SPEEDS)} m/s, ± {100 * STD:g} cm; green: the 95 % interval.",
+        )
+        + page.figure(
+            figures.answers(found, values, good),
+            f"{len(found)} simulated identifications, and the ellipse that one of them states.",
+        )
         + "</div>"
         + warning
-        + page.figure(figures.profiles(flat.profiles, values), f"Profile likelihood from {_starts(FLAT_SPEEDS)} m/s, ± {FLAT_STD:g} m: wide, and not a parabola.")
+        + page.figure(
+            figures.profiles(flat.profiles, values),
+            f"Profile likelihood from {_starts(FLAT_SPEEDS)} m/s, ± {FLAT_STD:g} m: wide, and not a parabola.",
+        )
         + choices
         + "<p class='soft'>An initial speed that is off by 0.01 m/s moves the distance near the critical speed by "
         + f"{work.speed_error:.2g} m: there the speeds must be known far better than the distances.</p>"
@@ -254,14 +319,27 @@ def _air(work: Reproduction) -> str:
         f"less so at 40 m/s ({100 * at_40.friction / at_40.magnetic_drag:.1f} %), where magnetic drag has fallen. "
         "Against a rig's sensors it is not: half a millimetre of travel shows it in any of these runs.</p>"
     )
-    header = ["Speed (m/s)", "Friction (N)", "Magnetic drag (N)", "Share", "Lost in 1 s, powered", "Lost in 1 s, coasting"]
+    header = [
+        "Speed (m/s)",
+        "Friction (N)",
+        "Magnetic drag (N)",
+        "Share",
+        "Lost in 1 s, powered",
+        "Lost in 1 s, coasting",
+    ]
     return words + table(header, rows)
 
 
 def _drive(page: Page, work: Reproduction) -> str:
     test = work.drive
     rows = [
-        [f"{r.speed:g}", f"{r.averaged:.2f}", _minus(f"{r.by_pulses - r.averaged:+.2f}"), _minus(f"{100 * (r.by_pulses / r.averaged - 1):+.1f} %"), _minus(f"{r.by_pulses - r.corrected:+.3f}")]
+        [
+            f"{r.speed:g}",
+            f"{r.averaged:.2f}",
+            _minus(f"{r.by_pulses - r.averaged:+.2f}"),
+            _minus(f"{100 * (r.by_pulses / r.averaged - 1):+.1f} %"),
+            _minus(f"{r.by_pulses - r.corrected:+.3f}"),
+        ]
         for r in test.runs
     ]
     high = {v: f"{100 * (1 - q):.2g} %" for v, q in test.mean_at.items()}
@@ -272,9 +350,19 @@ def _drive(page: Page, work: Reproduction) -> str:
         "The factors cos(ωτ/2)/(1 − (ωτ/π)²) and cos(ωδ) (lines; the effects <code>finite_pulse_width</code> and <code>firing_delay</code>) give the pulses' mean (dots) to a part in a thousand: "
         "averaging does little harm, leaving those factors out does. Near the critical speed 1 % of thrust decides between touching down and running away.</p>"
     )
-    header = ["Initial speed (m/s)", "Averaged: travel in 1 s (m)", "By pulses (m)", "", "By pulses, against averaged<br>with finite pulse width (m)"]
+    header = [
+        "Initial speed (m/s)",
+        "Averaged: travel in 1 s (m)",
+        "By pulses (m)",
+        "",
+        "By pulses, against averaged<br>with finite pulse width (m)",
+    ]
     note = "Free runs. Pulse by pulse, the half sine is scaled so that at small kvτ its mean is (39)'s: see the impulse of a pulse above."
-    return words + page.figure(figures.drive(work.model), "Lines: formulas. Dots: pulse by pulse. Green band: within 1 %.") + table(header, rows, note)
+    return (
+        words
+        + page.figure(figures.drive(work.model), "Lines: formulas. Dots: pulse by pulse. Green band: within 1 %.")
+        + table(header, rows, note)
+    )
 
 
 def _minus(number_text: str) -> str:

@@ -19,7 +19,6 @@ from .identification import (
     FLAT_SPEEDS,
     FLAT_STD,
     FREE,
-    REPLICATES,
     SEED,
     SPEEDS,
     STD,
@@ -75,7 +74,9 @@ class Reproduction:
     def flat(self) -> Answer:
         """Four distances that leave the valley flat."""
         rng = np.random.default_rng(SEED)
-        return identify(self.model, simulated(self.model, FLAT_SPEEDS, FLAT_STD, rng), truth(self.model), nelder_mead=False)
+        return identify(
+            self.model, simulated(self.model, FLAT_SPEEDS, FLAT_STD, rng), truth(self.model), nelder_mead=False
+        )
 
     @cached_property
     def speed_error(self) -> float:
@@ -116,7 +117,7 @@ def verdict(rows: Sequence[Row]) -> str:
 def results(work: Reproduction) -> dict[str, Any]:
     """The claims and the other numbers of the page, for programs."""
     rows = work.claims.rows
-    held, _ = work.coverage
+    held, answers = work.coverage
     return {
         "verdict": verdict(rows),
         "claims": [
@@ -129,5 +130,5 @@ def results(work: Reproduction) -> dict[str, Any]:
             n: {"value": v, "std": s, "nelder_mead": nm, "interval": [p.low, p.high], "covered": held[n]}
             for n, v, s, nm, p in zip(FREE, work.identified.fit.values, work.identified.fit.std, work.identified.fit.nelder_mead, work.identified.profiles, strict=True)
         },
-        "replicates": REPLICATES,
+        "replicates": len(answers),
     }  # fmt: skip

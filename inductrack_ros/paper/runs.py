@@ -113,7 +113,15 @@ class Runs:
         period = float(brentq(top, guess - 1e-3, guess + 2e-3, xtol=1e-13))
         run = model.simulate(np.linspace(0.0, 20 * period, 20 * 200 + 1), start)
         gap = run["gap_top"]
-        return Orbit(run, period, gap, float(gap.min()), float(gap.max()), float(np.abs(run["heave_rate"]).max()), float(gap[0] - gap[-1]))
+        return Orbit(
+            run,
+            period,
+            gap,
+            float(gap.min()),
+            float(gap.max()),
+            float(np.abs(run["heave_rate"]).max()),
+            float(gap[0] - gap[-1]),
+        )
 
     # -- Figure 6 ----------------------------------------------------------------------------------------------
 
@@ -124,7 +132,9 @@ class Runs:
         ends = [self.travel(v) for v in speed]
         return {"speed": speed, "travel": np.array([e[0] for e in ends]), "end_speed": np.array([e[1] for e in ends])}
 
-    def travel(self, speed: float, duration: float = DURATION_6, model: Model | None = None, drive_current: float | None = None) -> tuple[float, float]:
+    def travel(
+        self, speed: float, duration: float = DURATION_6, model: Model | None = None, drive_current: float | None = None
+    ) -> tuple[float, float]:
         """Travel (m) and speed (m/s) after ``duration`` s from a start on the equilibrium heave."""
         model = model or self.model
         run = model.simulate(np.array([0.0, duration]), model.initial_state(surge_rate=speed), drive_current)

@@ -53,7 +53,9 @@ def derivative(model: Model, x: NDArray[np.float64], drive_current: float) -> ND
     kernel, vector = model.kernel, model.vector.copy()
     vector[kernel.parameters.index("drive_current")] = drive_current
     dx, q = np.zeros(len(x)), np.zeros(len(QUANTITIES))
-    kernel.evaluate(0.0, np.ascontiguousarray(x), vector, model.switches, model.moving, 0.0, True, _NONE, _NONE, _NONE, dx, q)
+    kernel.evaluate(
+        0.0, np.ascontiguousarray(x), vector, model.switches, model.moving, 0.0, True, _NONE, _NONE, _NONE, dx, q
+    )
     return dx
 
 
@@ -65,7 +67,9 @@ def jacobian(model: Model, x: NDArray[np.float64], drive_current: float, states:
         up, down = x.copy(), x.copy()
         up[s] += steps[s]
         down[s] -= steps[s]
-        columns.append((derivative(model, up, drive_current) - derivative(model, down, drive_current))[states] / (2 * steps[s]))
+        columns.append(
+            (derivative(model, up, drive_current) - derivative(model, down, drive_current))[states] / (2 * steps[s])
+        )
     return np.column_stack(columns)
 
 
