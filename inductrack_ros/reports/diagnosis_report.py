@@ -11,11 +11,11 @@ import numpy as np
 from ..compare import rms
 from ..core.effects import split_name
 from ..core.parameters import PARAMETERS, Parameter
-from ..core.state import CHANNELS
-from ..diagnosis.result import Diagnosis, Rival, Step
+from ..core.state import CHANNELS, UNITS
+from ..diagnosis.result import Diagnosis, Limit, Rival, Step
 from .explorer import RunTraces, Trace, explorer
 from .page import Figure, Page, folded, packed, table, text
-from .words import effect_name, in_channel, listed, number, ratio, sized, title
+from .words import counted, effect_name, in_channel, listed, number, ratio, sized, title
 
 TONES = {"adequate": "good", "missing_effect": "bad", "unknown_effect": "warn"}
 _FORCE = {
@@ -119,7 +119,7 @@ def _lead(result: Diagnosis) -> str:
     for effect, rivals in result.indistinguishable.items():
         others = listed([effect_name(r) for r in rivals], "or")
         points.append(f"These data cannot tell {text(effect_name(effect))} from {text(others)}.")
-    points += [text(note) for note in result.notes]
+    points += [f"Note: {text(note)}." for note in result.notes]
     return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
 
 
@@ -229,29 +229,52 @@ def _unknown_figure(result: Diagnosis) -> Figure:
 
 
 def _limits_figure(result: Diagnosis) -> Figure:
-    shares = {x.name: x.size / _typical(result, x.name, x.parameter) for x in result.limits}
-    rows = sorted(
-        (x for x in result.limits if _finite(shares[x.name]) and shares[x.name] > 0), key=lambda x: -shares[x.name]
-    )
+    shares = {
+        x.name: _share(result, x) for x in result.limits if ":" not in x.name
+    }  # a sensor's faults are in the table
+    rows = sorted((x for x in result.limits if _finite(shares.get(x.name))), key=lambda x: -shares[x.name])
     data = {
         "type": "bar",
         "orientation": "h",
         "y": [effect_name(x.name) for x in rows],
         "x": [shares[x.name] for x in rows],
         "marker": {"color": "@after"},
-        "text": [f"{number(x.size, 2)} {x.unit}".strip() for x in rows],
+        "text": [_limit_size(result, x) for x in rows],
         "textposition": "outside",
         "cliponaxis": False,
         "hovertemplate": "%{y}: %{text}<extra></extra>",
     }
     layout = {
         "xaxis": {"type": "log", "title": "smallest size that would have shown / size that matters", "dtick": 1},
-        "yaxis": {"ticks": "", "tickfont": {"size": 11}},
-        "margin": {"l": 8, "r": 80, "t": 8, "b": 8},
+        "yaxis": {"ticks": "", "tickfont": {"size": 11}, "dtick": 1},
+        "margin": {"l": 8, "r": 110, "t": 8, "b": 8},
         "shapes": [_line_at_one("x")],
     }
     label = "Smallest size of each effect that would have shown; the table below has the numbers"
     return Figure([data], layout, label, 70 + 17 * len(rows), fixed=True)
+
+
+def _share(result: Diagnosis, limit: Limit) -> float:
+    """A limit over the size that matters; where a smaller value is the larger effect, the other way round."""
+    typical, _ = _matters(result, limit)
+    declared = _declared(result, _full(limit.name, limit.parameter))
+    grows = declared.fit_as in ("x", "x^2")
+    share = limit.size / typical if grows else typical / limit.size if limit.size else math.nan
+    return share if share > 0 else math.nan
+
+
+def _matters(result: Diagnosis, limit: Limit) -> tuple[float, str]:
+    """A size at which an effect matters, with its unit; a sensor's bias matters from ten times its noise."""
+    base, _, channel = limit.name.partition(":")
+    if base == "sensor_bias" and channel in result.noise:
+        return 10 * result.noise[channel], UNITS[channel]
+    declared = _declared(result, _full(limit.name, limit.parameter))
+    return abs(declared.typical or declared.default) or math.nan, declared.unit
+
+
+def _limit_size(result: Diagnosis, limit: Limit) -> str:
+    shrinks = _declared(result, _full(limit.name, limit.parameter)).fit_as not in ("x", "x^2")
+    return f"{'under ' if shrinks else ''}{number(limit.size, 2)} {_matters(result, limit)[1]}".strip()
 
 
 # ---------------------------------------------------------------- the evidence
@@ -328,19 +351,19 @@ def _rivals(result: Diagnosis) -> str:
             parts.append(folded(f"{len(round_) - SHOWN} more that do worse", _rival_table(result, round_[SHOWN:])))
     return (
         "<p>Each was added and everything refitted. Its evidence is the fall in χ² beyond what chance alone gives to the best "
-        "of so many tried; error on runs left out counts against what fits only the runs it was fitted to.</p>"
-        + "".join(parts)
+        "of so many tried.</p>" + "".join(parts)
     )
 
 
 def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
     rows = []
+    held = any(_finite(r.heldout_nrmse) for r in rivals)
     confused = {r for others in result.indistinguishable.values() for r in others}
     for r in rivals:
         style = "good-word" if r.chosen else "warn-word" if r.name in confused else ""
         words = text(r.words or ("chosen" if r.chosen else ""))
         sizes = "<br>".join(
-            f"{text(_symbol(p))} {text(sized(v, r.std.get(p), _declared(result, _full(r.name, p)).unit))}"
+            f"<span class='num'>{text(_symbol(p))} {text(sized(v, r.std.get(p), _declared(result, _full(r.name, p)).unit))}</span>"
             for p, v in r.size.items()
             if "[" not in p
         )
@@ -348,13 +371,20 @@ def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
             [
                 f"{text(effect_name(r.name))}<br><span class='soft'>{text(_summary(result, r.name))}</span>",
                 f'<span class="{style}">{words}</span>' if style else words,
-                number(r.chi2_fall, 4),
-                number(r.threshold, 3),
-                ratio(r.heldout_nrmse),
+                counted(r.chi2_fall),
+                counted(r.threshold),
+                *([ratio(r.heldout_nrmse)] if held else []),
                 sizes or "–",
             ]
         )
-    header = ["Effect", "For and against", "Fall in χ²", "By chance", "Error, left out", "Fitted size"]
+    header = [
+        "Effect",
+        "For and against",
+        "Fall in χ²",
+        "By chance",
+        *(["Error, left out"] if held else []),
+        "Fitted size",
+    ]
     return table(header, rows, words=2, last_words=True)
 
 
@@ -385,44 +415,54 @@ def _where(page: Page, rival: Rival) -> str:
 
 def _before_and_after(result: Diagnosis) -> str:
     channels = [c for c in result.noise if any(c in s.errors for s in result.steps)]
-    steps = table(
-        ["Model", "Fit", *(text(title(c)) for c in channels), "Left out", *(text(title(c)) for c in channels)],
-        [
-            [
-                text(_step_name(s, b)),
-                f"<strong>{ratio(math.sqrt(s.reduced_chi2))}</strong>",
-                *(ratio(s.errors.get(c)) for c in channels),
-                f"<strong>{ratio(s.heldout_nrmse)}</strong>",
-                *(ratio(s.heldout_errors.get(c)) for c in channels),
-            ]
-            for s, b in zip(result.steps, [None, *result.steps], strict=False)
-        ],
-        "Error over noise step by step: all channels and each, on the runs of the fit and on runs left out of it.",
+    names = [_step_name(s, b) for s, b in zip(result.steps, [None, *result.steps], strict=False)]
+    whole = [
+        c
+        for s in result.steps
+        for c in (f"<strong>{ratio(math.sqrt(s.reduced_chi2))}</strong>", f"<strong>{ratio(s.heldout_nrmse)}</strong>")
+    ]
+    each = [
+        [text(title(c)), *(x for s in result.steps for x in (ratio(s.errors.get(c)), ratio(s.heldout_errors.get(c))))]
+        for c in channels
+    ]
+    channel_table = table(
+        ["", *(h for n in names for h in (text(n), "left out"))],
+        [["All channels", *whole], *each],
+        "Error over noise on the runs of the fit, and on runs left out of it.",
     )
     first, last = result.steps[0], result.steps[-1]
-    names = [n for n in first.by_run if n in last.by_run]
-    runs = table(
+    both = [n for n in first.by_run if n in last.by_run]
+    run_table = table(
         ["Run", "Before", "After"],
-        [[text(n), ratio(first.by_run[n]), f"<strong>{ratio(last.by_run[n])}</strong>"] for n in names],
+        [[text(n), ratio(first.by_run[n]), f"<strong>{ratio(last.by_run[n])}</strong>"] for n in both],
         "Error over noise of each run, all channels, fitted on all runs.",
     )
-    return steps + (runs if names and len(result.steps) > 1 else "")
+    return channel_table + (run_table if both and len(result.steps) > 1 else "")
 
 
 def _limits(result: Diagnosis) -> str:
-    rows = [
-        [
-            f"{text(effect_name(x.name))}<br><span class='soft'>{text(_summary(result, x.name))}</span>",
-            text(_symbol(x.parameter)),
-            text(f"{number(x.size, 2)} {x.unit}"),
-            text(f"{number(_typical(result, x.name, x.parameter), 2)} {x.unit}"),
+    def rows(limits: Sequence[Limit]) -> list[list[str]]:
+        ordered = sorted(limits, key=lambda x: (not _finite(_share(result, x)), _share(result, x)))
+        return [
+            [
+                f"{text(effect_name(x.name))}<br><span class='soft'>{text(_summary(result, x.name))}</span>",
+                text(_symbol(x.parameter)),
+                text(_limit_size(result, x)),
+                text(" ".join((number(_matters(result, x)[0], 2), _matters(result, x)[1]))),
+            ]
+            for x in ordered
         ]
-        for x in sorted(result.limits, key=lambda x: x.size / _typical(result, x.name, x.parameter))
-    ]
-    caption = (
-        "Had one of these been there at this size, these data would have shown it. What is smaller may be there unseen."
+
+    header = ["Effect", "Parameter", "Would have shown", "A size that matters"]
+    cradle = [x for x in result.limits if ":" not in x.name]
+    sensors = [x for x in result.limits if ":" in x.name]
+    beside = "" if result.verdict == "adequate" else "beside what was found "
+    return (
+        f"<p>Had one of these been there {beside}at this size, these data would have shown it. What is smaller may be there "
+        "unseen.</p>"
+        + (table(header, rows(cradle), words=2) if cradle else "")
+        + (folded("Faults of sensors", table(header, rows(sensors), words=2)) if sensors else "")
     )
-    return table(["Effect", "Parameter", "Would have shown", "A size that matters"], rows, caption, words=2)
 
 
 def _model(result: Diagnosis) -> str:
@@ -475,11 +515,6 @@ def _declared(result: Diagnosis, name: str) -> Parameter:
     if not effect:
         return PARAMETERS[name]
     return split_name(effect, result.model.known_effects, CHANNELS)[0].parameters[parameter]
-
-
-def _typical(result: Diagnosis, effect: str, parameter: str) -> float:
-    declared = _declared(result, _full(effect, parameter))
-    return abs(declared.typical or declared.default) or math.nan
 
 
 def _symbol(name: str) -> str:

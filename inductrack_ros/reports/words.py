@@ -51,6 +51,13 @@ def ratio(value: float | None) -> str:
     return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}".replace(",", "\u202f")
 
 
+def counted(value: float | None) -> str:
+    """A statistic: whole from a hundred up, its thousands apart."""
+    if value is None or not math.isfinite(value) or abs(value) < 100:
+        return number(value, 3)
+    return f"{value:,.0f}".replace(",", "\u202f").replace("-", "−")
+
+
 def sized(value: float, std: float | None, unit: str = "") -> str:
     """``0.0312 ± 0.0004 m²``: the value to the digits its standard deviation leaves."""
     tail = f" {unit}" if unit else ""
