@@ -93,6 +93,7 @@ def test_the_reasons_numbers(claims):
     assert n["travel_3s"] == pytest.approx(18.682, abs=1e-3)
     # Twice the thrust moves the balance to where drag is twice the thrust of (39); no shared code: bisection with the other simulator.
     assert n["critical_true_impulse"] == pytest.approx(_critical(gamma=2 * 3.9298), abs=1e-3)
+    assert n["critical_finite_pulse"] == pytest.approx(_critical(finite_pulse_width__on=1.0), abs=1e-3)
     assert n["critical_26_coils"] == pytest.approx(_critical(coils=26.0), abs=1e-3)
     assert claims.runs.critical_speed == pytest.approx(_critical(), abs=1e-3)
     assert n["speed_after_half_a_second"] == pytest.approx(_after(18.5, 0.5), abs=1e-3)
@@ -153,7 +154,9 @@ def test_every_parameter_is_the_papers_or_owned_up_to():
     facts, model = load_facts(), Model.default()
     named = {r["parameter"] for r in [*facts.table_1, *facts.elsewhere, *facts.table_2, *facts.assumed]}
     assert named == set(model.parameters)
-    assert Model.load(config_file("paper.yaml")).parameters == model.parameters, "config/paper.yaml and the defaults are one rig"
+    assert Model.load(config_file("paper.yaml")).parameters == model.parameters, (
+        "config/paper.yaml and the defaults are one rig"
+    )
 
 
 def test_rig_file_holds_numbers_only():

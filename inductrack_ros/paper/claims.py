@@ -75,6 +75,7 @@ class Claims:
             "coils_in_600ms": 0.6 / coil_time,
             "coils_in_pulse": p["pulse_length"] / coil_time,
             "critical": runs.critical_speed,
+            "critical_finite_pulse": critical_speed(self.model.with_changes(effects=["finite_pulse_width"])),
             "critical_true_impulse": critical_speed(self.model.with_changes({"gamma": 2 * p["gamma"]})),
             "critical_26_coils": critical_speed(
                 self.model.with_changes({"coils_per_wavelength": 2 * p["coils_per_wavelength"]})

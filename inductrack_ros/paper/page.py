@@ -338,7 +338,7 @@ def _drive(page: Page, work: Reproduction) -> str:
             f"{r.averaged:.2f}",
             _minus(f"{r.by_pulses - r.averaged:+.2f}"),
             _minus(f"{100 * (r.by_pulses / r.averaged - 1):+.1f} %"),
-            _minus(f"{r.by_pulses - r.corrected:+.3f}"),
+            _minus(f"{1e3 * (r.by_pulses - r.corrected):+.1f}"),
         ]
         for r in test.runs
     ]
@@ -355,7 +355,7 @@ def _drive(page: Page, work: Reproduction) -> str:
         "Averaged: travel in 1 s (m)",
         "By pulses (m)",
         "",
-        "By pulses, against averaged<br>with finite pulse width (m)",
+        "By pulses, against averaged<br>with finite pulse width (mm)",
     ]
     note = "Free runs. Pulse by pulse, the half sine is scaled so that at small kvτ its mean is (39)'s: see the impulse of a pulse above."
     return (
