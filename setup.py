@@ -23,7 +23,7 @@ setup(
         (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "rosbags>=0.11", "plotly", "rich"],
+    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "rosbags>=0.11", "plotly", "threadpoolctl"],
     extras_require={
         # ROS 2 Jazzy as PyPI wheels, for machines without a distribution; never installed over a sourced one.
         "ros": [

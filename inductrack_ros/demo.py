@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .cli import COMMANDS
 from .data.bags import read_bag
 from .nodes.domain import claim_domain
 
@@ -31,9 +30,8 @@ def main() -> int:
         print(f"   {record(report / 'run')}")
         print("2. Where the paper's model fails to predict the sample campaign", flush=True)
         inductrack("compare", SAMPLE, "--output", report / "compare")
-        if diagnoses():
-            print("3. Which effects are missing", flush=True)
-            inductrack("diagnose", SAMPLE, "--output", report / "diagnose")
+        print("3. Which effects are missing", flush=True)
+        inductrack("diagnose", SAMPLE, "--output", report / "diagnose")
     except (subprocess.CalledProcessError, TimeoutError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
@@ -41,11 +39,6 @@ def main() -> int:
     for page in sorted(report.glob("*/report.html")):
         print(f"Report: {page.resolve()}")
     return 0
-
-
-def diagnoses() -> bool:
-    """Whether the command line has `diagnose` yet."""
-    return "diagnose" in {command.name for command in COMMANDS}
 
 
 def record(folder: Path) -> str:
