@@ -84,11 +84,15 @@ def read_travels(file: str | Path, duration: float = DURATION, std: float = math
             raise InputError(f"{file}, row 1: unknown column '{name[:40]}'{did_you_mean(name, COLUMNS)}")
     for name in COLUMNS[:2]:
         if header.count(name) != 1:
-            raise InputError(f"{file}, row 1: needs one column '{name}'; the header is initial_speed,travel, both in SI units")
+            raise InputError(
+                f"{file}, row 1: needs one column '{name}'; the header is initial_speed,travel, both in SI units"
+            )
     table: dict[str, list[float]] = {name: [] for name in header}
     for line, cells in rows[1:]:
         if len(cells) != len(header):
-            raise InputError(f"{file}, row {line}: {len(cells)} cells where the header names {len(header)}; complete the row or delete it")
+            raise InputError(
+                f"{file}, row {line}: {len(cells)} cells where the header names {len(header)}; complete the row or delete it"
+            )
         for name, cell in zip(header, cells, strict=True):
             table[name].append(_cell(file, line, name, cell))
     if len(rows) < 2:
@@ -104,7 +108,9 @@ def _cell(file: Path, line: int, name: str, cell: str) -> float:
         value = math.nan
     positive = name in ("initial_speed", "duration", "std")
     if not math.isfinite(value) or (positive and value <= 0):
-        raise InputError(f"{file}, row {line}, column '{name}': {cell.strip()[:40]!r} is not a {'positive ' if positive else ''}number")
+        raise InputError(
+            f"{file}, row {line}, column '{name}': {cell.strip()[:40]!r} is not a {'positive ' if positive else ''}number"
+        )
     return value
 
 
@@ -221,7 +227,9 @@ def _noise(campaign: Campaign, channel: str) -> float:
             if y.size > 8:
                 found.append(float(np.sqrt(np.mean(np.diff(y, 3) ** 2) / 20.0)))
     if not found or np.median(found) <= 0:
-        raise InputError(f"{campaign.folder}: the noise of {channel} cannot be estimated; give noise_std: {{{channel}: …}} ({UNITS[channel]}) in campaign.yaml")
+        raise InputError(
+            f"{campaign.folder}: the noise of {channel} cannot be estimated; give noise_std: {{{channel}: …}} ({UNITS[channel]}) in campaign.yaml"
+        )
     return float(np.median(found))
 
 
@@ -235,7 +243,9 @@ class JointMisfit:
         self.free, self.declared = parts[0].free, parts[0].declared
         self.nuisance = sum(p.nuisance for p in parts)
         if not all(p.noise_known for p in parts):
-            raise InputError("distances beside time series need their standard deviation: a column std in the CSV, or --std")
+            raise InputError(
+                "distances beside time series need their standard deviation: a column std in the CSV, or --std"
+            )
         if any(p.free != self.free for p in parts):
             raise InputError("the parts of a joint fit must free the same parameters")
 

@@ -101,7 +101,8 @@ def _claim_cells(row: Row) -> str:
     paper = "no number" if c.value is None else f"{number(c.value, 4)}{unit}"
     return (
         f'<th scope="row" class="word">{text(c.place)}</th><td class="word">{text(c.says)}</td>'
-        f"<td>{text(paper)}</td><td>{text(_found(row))}{text(unit) if c.value is None else ''}</td>"
+        f'<td style="white-space:normal">{text(paper)}</td><td style="white-space:normal">'
+        f"{text(_found(row))}{text(unit) if c.value is None else ''}</td>"
         f'<td class="word"><span class="{tone}-word">{word}</span>{kind}</td><td class="word">{text(row.why)}</td>'
     )
 
