@@ -304,6 +304,34 @@ def _diagnose(arguments: argparse.Namespace) -> None:
     print(f"{Path(arguments.output) / 'report.html'}")
 
 
+# ---------------------------------------------------------------- add
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "effect", metavar="EFFECT", help="an effect's name; a sensor's with its channel: sensor_delay:heave"
+    )
+    _campaign_arguments(parser)
+    parser.epilog = (
+        "Refits everything with the effect and without it, and shows how far the error falls.\n"
+        "Writes report.html, diagnosis.json and model.yaml, the model with the effect."
+    )
+
+
+def _add(arguments: argparse.Namespace) -> None:
+    campaign, model = _load(arguments)
+    with output_folder(arguments.output, campaign.folder) as folder:
+        from .diagnosis.add import add_effect
+        from .reports.diagnosis_report import addition, diagnosis_report
+
+        with _progress() as tell:
+            result = add_effect(campaign, model, arguments.effect, tell)
+        result.write(folder)
+        (folder / "report.html").write_text(diagnosis_report(result, addition(result)), encoding="utf-8")
+    print(addition(result))
+    print(f"{Path(arguments.output) / 'report.html'}")
+
+
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
     """What is being tried, on one line of a terminal that is gone when it is done; nothing where nobody watches."""
@@ -336,6 +364,7 @@ COMMANDS = (
     Command("simulate", "simulate one run into a CSV or a bag, without ROS", _simulate_arguments, _simulate),
     Command("compare", "show where a model fails to predict a campaign's measurements", _compare_arguments, _compare),
     Command("diagnose", "find out which effect a model misses, if any", _diagnose_arguments, _diagnose),
+    Command("add", "add one effect by hand, refit, and show how far the error falls", _add_arguments, _add),
     Command(
         "fit",
         "fit parameters to travel distances or campaigns, and say how well they are known",

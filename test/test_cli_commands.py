@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -208,3 +209,52 @@ def test_interrupted_it_says_so_and_leaves_nothing(tmp_path, campaign):
     assert process.returncode == 130
     assert errors == "inductrack compare: interrupted; nothing was written\n"
     assert os.listdir(tmp_path) == []
+
+
+@pytest.fixture(scope="module")
+def dragged(tmp_path_factory) -> Path:
+    model = Model.create({"eta": 0.74}, effects={"aerodynamic_drag": {"drag_area": 0.05}})
+    return make_campaign(tmp_path_factory.mktemp("cli") / "dragged", model, duration=0.5)
+
+
+def test_add_shows_what_an_effect_gains(tmp_path, dragged, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["add", "aerodynamic_drag", str(dragged), "--output", str(out)]) == 0
+    assert sorted(os.listdir(out)) == ["diagnosis.json", "model.yaml", "report.html"]
+    assert capsys.readouterr().out.startswith("Adding aerodynamic drag lowers the error from ")
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert found["effects"] == ["aerodynamic_drag"]
+    assert found["parameters"]["aerodynamic_drag.drag_area"]["value"] == pytest.approx(0.05, rel=0.05)
+    assert found["steps"][0]["reduced_chi2"] > 2 > 1.2 > found["steps"][1]["reduced_chi2"]
+    improved = Model.load(out / "model.yaml")
+    assert list(improved.effects) == ["aerodynamic_drag"]
+    assert improved.parameters["eta"] == pytest.approx(0.74, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        ("aerodynamic_drg", "did you mean 'aerodynamic_drag'?"),
+        ("sensor_delay:gap_top", "needs a channel"),
+        ("stand_in_heave", "not known"),
+    ],
+)
+def test_add_refuses_in_one_line(tmp_path, campaign, capsys, effect, said):
+    assert said in fails(capsys, "add", effect, campaign, "--output", tmp_path / "out")
+    assert os.listdir(tmp_path) == []
+
+
+def test_diagnose_writes_the_contract(tmp_path, dragged, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["diagnose", str(dragged), "--output", str(out)]) == 0
+    assert sorted(os.listdir(out)) == ["diagnosis.json", "model.yaml", "report.html"]
+    assert 2 <= len(capsys.readouterr().out.splitlines()) <= 3
+    found = json.loads((out / "diagnosis.json").read_text())
+    keys = ("verdict", "effects", "parameters", "indistinguishable", "unknown", "next_experiment", "steps")
+    assert tuple(found)[:7] == keys
+    assert found["verdict"] == "missing_effect"
+    assert set(found["parameters"]["eta"]) == {"value", "std"}
+    assert set(found["steps"][0]) == {"effects", "reduced_chi2", "heldout_nrmse"}
+    comparison = tmp_path / "comparison"
+    assert cli.main(["compare", str(dragged), "--model", str(out / "model.yaml"), "--output", str(comparison)]) == 0
+    assert json.loads((comparison / "comparison.json").read_text())["error_over_noise"] < 1.1

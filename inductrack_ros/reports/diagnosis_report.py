@@ -40,12 +40,12 @@ _DEPENDS = {
 SHOWN = 8
 
 
-def diagnosis_report(result: Diagnosis) -> str:
-    """The whole page."""
+def diagnosis_report(result: Diagnosis, sentence: str = "") -> str:
+    """The whole page, under another ``sentence`` than the verdict's where one is given."""
     page = Page(
         title=result.campaign,
         kind="What the model misses",
-        verdict=verdict(result),
+        verdict=sentence or verdict(result),
         tone=TONES[result.verdict],
         lead=_lead(result),
     )
@@ -86,6 +86,17 @@ def verdict(result: Diagnosis) -> str:
     depends = listed([_DEPENDS[d][0] for d in result.unknown.depends_on])
     on = f" that depends on {depends}" if depends else ""
     return f"No known effect explains {_FORCE[result.unknown.channel]}{on}{beyond}."
+
+
+def addition(result: Diagnosis) -> str:
+    """What adding one effect by hand gained, in one sentence."""
+    (rival,) = result.rivals
+    name = effect_name(rival.name)
+    if not rival.chosen:
+        return f"Adding {name} gains no more than chance would."
+    before, after = (ratio(math.sqrt(s.reduced_chi2)) for s in (result.steps[0], result.steps[-1]))
+    left = "more than noise is left" if result.verdict == "unknown_effect" else "what is left is noise"
+    return f"Adding {name} lowers the error from {before} to {after} times the noise; {left}."
 
 
 def _with_rivals(result: Diagnosis, effect: str) -> str:

@@ -1,0 +1,73 @@
+"""One effect added by hand: everything refitted with it, and what that gains."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from ..core.effects import split_name
+from ..core.errors import InputError
+from ..core.model import Model
+from ..data.campaign import Campaign
+from . import support
+from .candidates import Candidate
+from .diagnose import _base, _step, _traces, _where
+from .result import Diagnosis, Rival
+from .search import Search
+
+
+def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str], None] = lambda _: None) -> Diagnosis:
+    """The diagnosis that ``name`` and nothing else is missing; its one rival says what the effect takes off χ².
+
+    ``verdict`` is ``unknown_effect`` where more than noise is left, else ``missing_effect``, or ``adequate`` where the
+    effect gains no more than chance would. Raises `InputError` for an effect that is not known, is in the model
+    already, or is a fault of a sensor that no run has.
+    """
+    began = time.monotonic()
+    item, channel = split_name(name, model.known_effects, campaign.channels)
+    if name in model.effects:
+        raise InputError(f"'{name}' is in the model already; nothing to add")
+    if name.startswith("stand_in"):
+        raise InputError(f"'{name}' stands for what is not known; `inductrack diagnose` adds it where it must")
+    notes = support.inspect(campaign)
+    tell("fitting what is known")
+    problem, base, undetermined = _base(campaign, model)
+    notes += support.undetermined(undetermined, base)
+    search = Search(problem, base, tell)
+    root = search.trials[frozenset(base.structure.effects)]
+    standing = next((s.candidate for s in search.screened(root) if s.candidate.name == name), None)
+    if standing is None and item.screened:
+        raise InputError(f"'{name}' leaves no trace in these runs, whatever its size; it cannot be fitted to them")
+    quick = search._refit(root, standing or Candidate(name, ({},), 1, len(item.parameters)), quick=False)
+    if quick is None:
+        raise InputError(f"'{name}' cannot be fitted to these runs: no size of it follows them")
+    trial = search.finish(quick)
+    gate = search.gate(trial)
+    f, deviations = trial.fit, trial.fit.deviations
+    threshold = Candidate(name, ({},), 1, len(item.parameters)).threshold(1)
+    gains = root.chi2 - trial.chi2 > threshold
+    own = {n: v for n, v in f.values.items() if n.startswith(f"{name}.")}
+    rival = Rival(
+        name, root.names, root.chi2 - trial.chi2, threshold, own, {n: deviations[n] for n in own},
+        chosen=gains, where=_where(problem, base, f),
+    )  # fmt: skip
+    tell("how well it predicts runs left out")
+    return Diagnosis(
+        campaign=campaign.name,
+        verdict="unknown_effect" if not gate.adequate else "missing_effect" if gains else "adequate",
+        effects=(name,),
+        model=f.model,
+        parameters={n: (v, deviations[n]) for n, v in f.values.items() if "values[" not in n},
+        indistinguishable={},
+        unknown=None,
+        next_experiment=None,
+        steps=tuple(_step(search, (*root.names, *added), added) for added in ((), (name,))),
+        rivals=(rival,),
+        noise=dict(zip(problem.channels, problem.sigma.tolist(), strict=True)),
+        noise_given=tuple(campaign.noise_std),
+        notes=tuple(notes),
+        tests=gate.tests[:12],
+        p_value=gate.p_scores,
+        traces=_traces(search, root, (name,)),
+        seconds=time.monotonic() - began,
+    )
