@@ -22,7 +22,9 @@ def test_mean_thrust_by_formula(model, speed, tau):
 @pytest.mark.parametrize("delay", [0.0, 1e-4, 6e-4])
 def test_late_firing_turns_the_thrust(model, delay):
     assert mean_ratio(model, 40.0, delay) == pytest.approx(float(closed_formula(model, 40.0, delay)), abs=1e-3)
-    assert mean_ratio(model, 40.0, 0.1 / 2 / 40.0) == pytest.approx(-mean_ratio(model, 40.0), rel=1e-3), "half a wave late brakes"
+    assert mean_ratio(model, 40.0, 0.1 / 2 / 40.0) == pytest.approx(-mean_ratio(model, 40.0), rel=1e-3), (
+        "half a wave late brakes"
+    )
 
 
 def test_formula_has_no_hole_where_the_pulse_is_half_a_wave(model):

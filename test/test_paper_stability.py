@@ -92,7 +92,10 @@ def test_speed_error_grows_as_said(model):
     speed = 16.0279
     found = modes(model, speed)
     x = model.initial_state(surge_rate=speed)
-    runs = [model.simulate(np.array([0.0, 0.6, 1.1]), x + d * np.eye(8, len(x))[4], found.drive_current) for d in (1e-4, -1e-4)]
+    runs = [
+        model.simulate(np.array([0.0, 0.6, 1.1]), x + d * np.eye(8, len(x))[4], found.drive_current)
+        for d in (1e-4, -1e-4)
+    ]
     apart = runs[0]["surge_rate"] - runs[1]["surge_rate"]
     assert np.log(apart[2] / apart[1]) / 0.5 == pytest.approx(found.growth, rel=0.05)
 

@@ -20,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Reproduce the paper; writes ``report.html`` and ``paper.json``."""
     import json
+    import sys
 
     from ..core.model import Model
     from .facts import load_facts
@@ -29,6 +30,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     write_files(arguments.output, {})  # a folder that cannot be written is said at once
     model = Model.load(arguments.model or config_file("paper.yaml"))
+    print("running the paper's experiments and a hundred identifications …", file=sys.stderr, flush=True)
     work = Reproduction(model.with_changes(dof=4, drive="averaged"), load_facts())
     text = json.dumps(results(work), indent=1, ensure_ascii=False)
     write_files(arguments.output, {"report.html": render(work), "paper.json": text + "\n"})
