@@ -177,8 +177,8 @@ def _track_stiffness(problem: Problem, fit: Fit, i: int, response: RunResponse) 
 
 
 def effect_columns(screened: Sequence[Screened]) -> dict[str, list[np.ndarray]]:
-    """Signature columns by candidate, for the gate."""
-    return {s.candidate.name: s.columns for s in screened}
+    """Signature columns by candidate, for the gate; not those that were picked by looking at the data (waves)."""
+    return {s.candidate.name: s.columns for s in screened if s.candidate.tries == 1}
 
 
 __all__ = ["THETA_STEP", "Candidate", "Screened", "effect_columns", "names", "screen"]

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..core.effects.stand_in import basis
 from ..core.errors import InputError
@@ -31,6 +32,8 @@ MOST_EFFECTS = 3
 TWINS = 6.6
 #: Quick refits this close to the best are refitted in full before they are judged.
 CLOSE = 60.0
+#: Known effects are tried first where the best promises this part of what any force of one variable does.
+PREFER_KNOWN = 0.8
 #: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
 LEFT_OUT = 4
 
@@ -40,6 +43,11 @@ def diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None] = lam
 
     ``tell`` hears what is being tried. Raises `InputError` for a campaign that cannot be fitted at all.
     """
+    with threadpool_limits(1, "blas"):  # the threads are ours: many small matrices at once
+        return _diagnose(campaign, model, tell)
+
+
+def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None]) -> Diagnosis:
     began = time.monotonic()
     notes = support.inspect(campaign)
     tell("fitting what is known")
@@ -118,37 +126,69 @@ def _base(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ..
 
 def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     """The cheapest set of effects that leaves noise; with a stand-in in it where nothing known does."""
-    beam, best_stand_in = [root], None
-    for size in range(1, MOST_EFFECTS + 1):
-        grown: dict[frozenset[str], Trial] = {}
-        for trial in beam:
-            for t in search.grow(trial, QUICK_FIRST if size == 1 else QUICK_LATER):
-                key = frozenset(t.names)
-                if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
-                    grown[key] = t
-        ranked = sorted(grown.values(), key=lambda t: penalised(search, t))
-        passing = next((t for t in ranked[:2] if t.full and search.gate(t).adequate), None)
-        if best_stand_in is not None and (passing is None or penalised(search, best_stand_in) < penalised(search, passing)):
-            if search.gate(best_stand_in).adequate:
-                return best_stand_in, search.gate(best_stand_in)
-        if passing is not None:
-            return passing, search.gate(passing)
-        # A stand-in beside what is known so far competes with one more effect.
-        for trial in [root, *ranked[:1]] if size == 1 else ranked[:1]:
-            for t in stand_ins(search, trial)[:1]:
-                if best_stand_in is None or penalised(search, t) < penalised(search, best_stand_in):
-                    best_stand_in = t
-        if best_stand_in is not None and size > 1 and search.gate(best_stand_in).adequate:
-            return best_stand_in, search.gate(best_stand_in)
-        beam = ranked[:BEAM]
-        if not beam:
+    singles = _grown(search, [root], QUICK_FIRST)
+    if passing := _passing(search, singles):
+        return passing
+    tried = [root]
+
+    def known() -> tuple[Trial, Gate] | None:
+        beam = singles[:BEAM]
+        for _ in range(MOST_EFFECTS - 1):
+            beam = _grown(search, beam, QUICK_LATER)[:BEAM]
+            if not beam:
+                return None
+            tried.append(beam[0])
+            if passing := _passing(search, beam):
+                return passing
+        return None
+
+    def unknown() -> tuple[Trial, Gate] | None:
+        found = [t for start in [root, *singles[:1]] for t in stand_ins(search, start)[:1]]
+        tried.extend(found)
+        return _passing(search, sorted(found, key=lambda t: penalised(search, t)))
+
+    ways = (known, unknown) if _points_to_known(search, singles[0] if singles else root) else (unknown, known)
+    for way in ways:
+        if result := way():
+            return result
+    # Neither alone: one more unknown force beside the best there is.
+    best = min(tried, key=lambda t: penalised(search, t))
+    for _ in range(2):
+        for t in stand_ins(search, best)[:1]:
+            tried.append(t)
+        best = min(tried, key=lambda t: penalised(search, t))
+        if search.gate(best).adequate:
             break
-    last = best_stand_in or root
-    if not search.gate(last).adequate and last is not root:  # one more unknown force, elsewhere
-        for t in stand_ins(search, last)[:1]:
-            if penalised(search, t) < penalised(search, last):
-                last = t
-    return last, search.gate(last)
+    return best, search.gate(best)
+
+
+def _grown(search: Search, beam: Sequence[Trial], limit: int) -> list[Trial]:
+    """All significant sets one effect larger, cheapest first."""
+    grown: dict[frozenset[str], Trial] = {}
+    for trial in beam:
+        for t in search.grow(trial, limit):
+            key = frozenset(t.names)
+            if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
+                grown[key] = t
+    return sorted(grown.values(), key=lambda t: penalised(search, t))
+
+
+def _passing(search: Search, ranked: Sequence[Trial]) -> tuple[Trial, Gate] | None:
+    """The first of the two cheapest that leaves nothing but noise."""
+    for t in ranked[:2]:
+        t = t if t.full else search.finish(t)
+        if (gate := search.gate(t)).adequate:
+            return t, gate
+    return None
+
+
+def _points_to_known(search: Search, trial: Trial) -> bool:
+    """Whether what is left looks, to first order, more like a known effect than like a force of some other law."""
+    tests = search.gate(trial).tests
+    known = max((s.promise for s in search.screened(trial)), default=0.0)
+    price = np.log(trial.fit.samples)
+    force = max((t.statistic - t.dof * price for t in tests if t.name.startswith("force in ")), default=0.0)
+    return known > PREFER_KNOWN * force
 
 
 def _significant(search: Search, trial: Trial, parent: Trial) -> bool:

@@ -18,7 +18,7 @@ from scipy import linalg, stats
 from ..core.state import COORDINATES
 from ..estimation.fit import Fit
 from ..estimation.problem import STATE_PRIOR, Problem
-from .signatures import VARIABLES, RunResponse, basis, in_coordinate, knots, moving_coordinates, responses
+from .signatures import VARIABLES, RunResponse, basis, in_coordinate, knots, moving_coordinates
 
 #: A complete model is turned down in at most this part of campaigns by the scores, and by whiteness and χ² each.
 LEVEL_SCORES, LEVEL_WHITENESS, LEVEL_SIZE = 0.02, 0.01, 0.005
@@ -110,10 +110,15 @@ def force_families(problem: Problem, runs: Sequence[RunResponse]) -> list[tuple[
     return families
 
 
-def check(problem: Problem, fit: Fit, effect_columns: dict[str, list[np.ndarray]] | None = None, seed: int = 0) -> Gate:
+def check(
+    problem: Problem,
+    fit: Fit,
+    runs: Sequence[RunResponse],
+    project: Projector,
+    effect_columns: dict[str, list[np.ndarray]] | None = None,
+    seed: int = 0,
+) -> Gate:
     """Decide whether the fitted model is adequate. ``effect_columns`` are signatures (m_i, l) of catalogue effects by name."""
-    project = Projector(problem, fit)
-    runs = responses(problem, fit)
     names, blocks = [], []
     for name, parts in (effect_columns or {}).items():
         names.append(name)

@@ -19,7 +19,7 @@ from .gate import Gate, Projector, check
 from .signatures import responses
 
 #: Candidates that get a quick refit at the first step and later, and of those a full one; sets kept at each size.
-QUICK_FIRST, QUICK_LATER, FULL, BEAM = 24, 14, 6, 3
+QUICK_FIRST, QUICK_LATER, FULL, BEAM = 24, 12, 4, 2
 
 
 @dataclass(frozen=True)
@@ -47,21 +47,26 @@ class Search:
         self.trials: dict[frozenset[str], Trial] = {frozenset(base.structure.effects): Trial(base, base.structure.effects, True)}
         self.screens: dict[frozenset[str], list[Screened]] = {}
         self.gates: dict[frozenset[str], Gate] = {}
+        self.looked: dict[frozenset[str], Trial] = {}
 
     def screened(self, trial: Trial) -> list[Screened]:
         """Candidates' standing at a trial's fit."""
-        key = frozenset(trial.names)
-        if key not in self.screens:
-            runs = responses(self.problem, trial.fit)
-            self.screens[key] = screen(self.problem, trial.fit, runs, Projector(self.problem, trial.fit))
-        return self.screens[key]
+        self._look(trial)
+        return self.screens[frozenset(trial.names)]
 
     def gate(self, trial: Trial) -> Gate:
         """Whether a trial leaves nothing but noise."""
+        self._look(trial)
+        return self.gates[frozenset(trial.names)]
+
+    def _look(self, trial: Trial) -> None:
+        """Screen and gate of a trial, which share the linearisation."""
         key = frozenset(trial.names)
-        if key not in self.gates:
-            self.gates[key] = check(self.problem, trial.fit, effect_columns(self.screened(trial)))
-        return self.gates[key]
+        if self.looked.get(key) is not trial:
+            runs, project = responses(self.problem, trial.fit), Projector(self.problem, trial.fit)
+            self.screens[key] = screen(self.problem, trial.fit, runs, project)
+            self.gates[key] = check(self.problem, trial.fit, runs, project, effect_columns(self.screens[key]))
+            self.looked[key] = trial
 
     def grow(self, trial: Trial, limit: int) -> list[Trial]:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them fully refitted."""

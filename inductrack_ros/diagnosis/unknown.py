@@ -23,7 +23,7 @@ INTERVALS, FINEST = 32, 160
 #: Weights of roughness tried, relative to the data's weight on the table.
 WEIGHTS = np.logspace(-9, 9, 37)
 #: Shapes refitted in full simulation, and how often the best is laid anew.
-FULL, REFINEMENTS = 3, 3
+FULL, REFINEMENTS = 3, 2
 #: Shapes that promise less than this part of the best are not refitted.
 CLOSE = 0.8
 #: A force below this part of its peak counts as none, and a table that is mostly none is laid anew over the rest.

@@ -1,0 +1,143 @@
+"""Blind benchmark of the diagnosis: campaigns drawn at random and made by a simulator that shares nothing with the library.
+
+    python benchmarks/diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--output build/diagnosis.json]
+
+Prints each campaign as it is done, then the confusion of verdicts, the part that is right, the false-alarm rate, the
+coverage of the 95 % intervals, the error on runs never seen from their exact initial states, and the time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "test"))
+
+from independent import campaigns  # noqa: E402
+
+from inductrack_ros.core.model import Model  # noqa: E402
+from inductrack_ros.data import load_campaign  # noqa: E402
+from inductrack_ros.diagnosis.diagnose import diagnose  # noqa: E402
+from inductrack_ros.estimation.problem import Problem  # noqa: E402
+from inductrack_ros.estimation.structure import Structure  # noqa: E402
+
+#: Signal over noise, nuisance refitted, above which an effect counts as clear.
+CLEAR = 30.0
+
+
+def judge(truth: dict, found) -> dict:
+    """Whether a diagnosis is right: the verdict, every effect (or its named twin), the unknown's coordinate and variable."""
+    named = {n: {n, *found.indistinguishable.get(n, ())} for n in found.effects}
+    wanted = list(truth["effects"])
+    missed = [w for w in wanted if not any(w in group for group in named.values())]
+    extra = [n for n, group in named.items() if not group & set(wanted)]
+    right = found.verdict == truth["verdict"] and not missed and not extra
+    where = True
+    if truth["verdict"] == "unknown_effect" and found.unknown is not None:
+        where = any(
+            found.unknown.channel == u["channel"] and set(found.unknown.depends_on) & set(u["depends_on"])
+            for u in truth["unknown"]
+        )
+    return {"right": right and where, "missed": missed, "extra": extra, "verdict": found.verdict}
+
+
+def covered(truth: dict, found) -> list[bool]:
+    """For each parameter that was found and is known: whether its 95 % interval holds the truth."""
+    result = []
+    for name, value in truth["parameters"].items():
+        if name in found.parameters and isinstance(value, (int, float)):
+            estimate, std = found.parameters[name]
+            if np.isfinite(std) and std > 0 and not name.startswith("guideway_waviness.phase"):
+                result.append(abs(estimate - value) <= 1.96 * std)
+    return result
+
+
+def heldout_error(folder: Path, model: Model) -> float:
+    """RMS error over noise on unseen runs from their exact initial states."""
+    campaign = load_campaign(folder)
+    sigma = {c: campaigns.NOISE[c] for c in campaign.channels} | dict(campaign.noise_std)
+    problem = Problem(campaign, model, sigma)
+    rest = np.concatenate(problem.residuals(Structure(model, ()), np.zeros(0), [d.guess for d in problem.runs]))
+    rest = rest[np.isfinite(rest)]
+    return float(np.sqrt(np.mean(rest**2)))
+
+
+def run(seed: int, kind: str | None) -> dict:
+    """One campaign, drawn, diagnosed and judged."""
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent) / "blind"
+        truth = campaigns.write_campaign(folder, seed, kind=kind)
+        campaign = load_campaign(folder)
+        began = time.perf_counter()
+        try:
+            found = diagnose(campaign, Model.default())
+        except Exception as error:  # a crash is a wrong answer with a reason, not the end of the benchmark
+            return {"seed": seed, "kind": truth["kind"], "right": False, "verdict": f"{type(error).__name__}: {error}", "seconds": time.perf_counter() - began,
+                    "truth": truth["verdict"], "effects": truth["effects"], "found": [], "covered": [], "clarity": 0.0, "error": None, "samples": 0}  # fmt: skip
+        seconds = time.perf_counter() - began
+        clarity = [c["signal_after_nuisance"] for c in truth.get("clarity", {}).values()]
+        return {
+            "seed": seed, "kind": truth["kind"], **judge(truth, found), "truth": truth["verdict"], "effects": truth["effects"],
+            "unknown": [(u["channel"], u["depends_on"]) for u in truth.get("unknown", [])],
+            "found": list(found.effects), "twins": {k: list(v) for k, v in found.indistinguishable.items()},
+            "found_unknown": None if found.unknown is None else [found.unknown.channel, list(found.unknown.depends_on)],
+            "covered": covered(truth, found), "seconds": seconds, "clarity": min(clarity, default=0.0), "design": truth["plan"].get("design") if isinstance(truth.get("plan"), dict) else None,
+            "error": heldout_error(Path(f"{folder}.heldout"), found.model), "samples": int(sum(r.measured.sum() for r in campaign.runs)),
+        }  # fmt: skip
+
+
+def summary(rows: list[dict]) -> str:
+    """The table for the docs."""
+    lines = ["| kind | campaigns | right | of the clear ones |", "|---|---|---|---|"]
+    for kind in [*campaigns.KINDS, None]:
+        mine = [r for r in rows if kind is None or r["kind"] == kind]
+        if mine:
+            clear = [r for r in mine if r["truth"] == "adequate" or r["clarity"] >= CLEAR]
+            lines.append(f"| {kind or 'all'} | {len(mine)} | {sum(r['right'] for r in mine)} | {sum(r['right'] for r in clear)} of {len(clear)} |")
+    confusion = Counter((r["truth"], r["verdict"]) for r in rows)
+    lines += ["", "| truth | verdict | campaigns |", "|---|---|---|"]
+    lines += [f"| {t} | {v[:60]} | {n} |" for (t, v), n in sorted(confusion.items())]
+    nothing = [r for r in rows if r["truth"] == "adequate"]
+    hits = [c for r in rows if r["right"] for c in r["covered"]]
+    errors = [r["error"] for r in rows if r["right"] and r["truth"] != "unknown_effect" and r["error"] is not None]
+    lines += ["", f"false alarms: {sum(r['verdict'] != 'adequate' for r in nothing)} of {len(nothing)} complete models"]
+    if hits:
+        lines.append(f"95 % intervals that hold the truth: {100 * np.mean(hits):.1f} % of {len(hits)}")
+    if errors:
+        lines.append(f"error on unseen runs over noise: median {np.median(errors):.3f}, largest {max(errors):.3f}")
+    lines.append(f"time: median {statistics.median(r['seconds'] for r in rows):.0f} s, longest {max(r['seconds'] for r in rows):.0f} s")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Draw, diagnose, judge, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaigns", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=1000, help="of the first campaign; the others follow")
+    parser.add_argument("--kind", choices=campaigns.KINDS)
+    parser.add_argument("--output", type=Path, help="write all results as JSON too")
+    given = parser.parse_args()
+    rows = []
+    for seed in range(given.seed, given.seed + given.campaigns):
+        row = run(seed, given.kind)
+        rows.append(row)
+        mark = "right" if row["right"] else "WRONG"
+        print(f"{seed} {mark} {row['kind']}: {row['effects']} {row.get('unknown')} -> {row['verdict'][:150]} {row['found']} {row.get('twins')} {row.get('found_unknown')} "
+              f"clarity {row['clarity']:.0f} error {row['error']} {row['seconds']:.0f} s {row['samples']} samples", flush=True)  # fmt: skip
+        if given.output:
+            given.output.parent.mkdir(parents=True, exist_ok=True)
+            given.output.write_text(json.dumps(rows, indent=1, default=str))
+    print("\n" + summary(rows))
+
+
+if __name__ == "__main__":
+    main()
