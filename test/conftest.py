@@ -19,6 +19,8 @@ from inductrack_ros.nodes.domain import claim_domain
 _domain = claim_domain()  # before any import of rclpy reads the environment; held until the tests end
 os.environ["ROS_LOG_DIR"] = tempfile.mkdtemp(prefix="inductrack_ros_log_")
 os.environ["PYTHONUNBUFFERED"] = "1"
+# A shell that starts the tests in the background has them ignore Ctrl-C, and what they start would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 PATIENCE = 60.0  # s; how long a condition is awaited on a busy machine before a test fails
 

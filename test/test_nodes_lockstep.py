@@ -129,16 +129,16 @@ def test_the_demo_records_a_run(tmp_path, monkeypatch):
 
 
 def test_out_of_step_the_pulses_come_in_time(ros):
-    """The simulator does not wait: pulses sent ahead arrive before they are to fire. A quarter of real time, for CI."""
+    """The simulator does not wait: pulses sent ahead arrive before they are to fire. Slowly, for a busy machine's sake."""
     twist = ros.listen(TwistStamped, "/inductrack/twist")
     fired = ros.listen(PointStamped, "/inductrack/fired_pulses")
-    controller = ros.start("track_controller", *HOLD)
+    controller = ros.start("track_controller", *HOLD, "-p", "lead:=0.05")
     controller.wait_for("firing for 15 m/s")
     commanded = ros.listen(PointStamped, "/inductrack/drive_pulses")
-    sim = ros.start("sim", *SIM, "-p", "speed_factor:=0.25", "-p", "paused:=true")
+    sim = ros.start("sim", *SIM, "-p", "speed_factor:=0.1", "-p", "paused:=true")
     ros.wait(lambda: ros.node.count_subscribers("/inductrack/drive_pulses") > 1, "the simulator")
     ros.call(SetBool, "/inductrack/sim/pause", data=False)
-    ros.wait(lambda: len(fired) > 150, "150 pulses fired")
+    ros.wait(lambda: len(fired) > 100, "a hundred pulses fired")
     assert len(fired) > 0.6 * len(commanded)  # a busy machine may be late with some
     assert abs(twist[-1].twist.linear.x - 15.0) < 4.0
     assert sim.stop() == 0 and controller.stop() == 0
