@@ -190,7 +190,7 @@ def test_effects_switch_on_and_off(tmp_path):
         boxes[0].click(); await pause(); seen.first = look();
         """,
     )
-    assert seen["names"] == ["aerodynamic drag", "sensor delay (heave)"]
+    assert seen["names"] == ["aerodynamic drag", "delay of the heave sensor"]
     assert seen["both"] == ["Heave of <run>: 100 × noise without any, 0.00 × noise with those chosen.", 5, 3, 0, 2]
     assert seen["second"] == ["Heave of <run>: 100 × noise without any, 33.0 × noise with those chosen.", 5, 2, 33, 2]
     assert seen["none"] == ["Heave of <run>: 100 × noise without any.", 3, 0, 100, 1]

@@ -110,9 +110,9 @@ ALL = {
     ("which", "sentence"),
     [
         ("adequate", "Nothing detectable is missing: what the model leaves is the sensors' noise."),
-        ("one", "Aerodynamic drag is missing; with it, what is left is noise."),
-        ("two", "Aerodynamic drag and sensor delay (heave) are missing; with them, what is left is noise."),
-        ("confused", "Aerodynamic drag or skin friction drag is missing; with it, what is left is noise."),
+        ("one", "Missing: aerodynamic drag. With it, what is left is noise."),
+        ("two", "Missing: aerodynamic drag and delay of the heave sensor. With them, what is left is noise."),
+        ("confused", "Missing: aerodynamic drag or skin friction drag. With it, what is left is noise."),
         ("unknown", "No known effect explains a vertical force that depends on the place along the track."),
     ],
 )
@@ -122,7 +122,7 @@ def test_the_answer_is_one_sentence(which, sentence):
 
 def test_rivals_of_one_of_two_effects_are_unambiguous():
     result = made((DRAG, DELAY), indistinguishable={DRAG: ("skin_friction_drag",)})
-    assert verdict(result).startswith("Aerodynamic drag (or skin friction drag) and sensor delay (heave) are missing")
+    assert verdict(result).startswith("Missing: aerodynamic drag (or skin friction drag) and delay of the heave sensor.")
 
 
 @pytest.mark.parametrize("which", ALL)

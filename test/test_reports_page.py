@@ -93,4 +93,4 @@ def test_channels_are_shown_in_readable_units():
 def test_words():
     assert ratio(1.0) == "1.00" and ratio(1234.0) == "1\u202f234" and ratio(np.inf) == "∞"
     assert listed(["a", "b", "c"]) == "a, b and c" and listed(["a"]) == "a" and listed([]) == ""
-    assert effect_name("sensor_delay:gap_top") == "sensor delay (gap top)"
+    assert effect_name("sensor_delay:gap_top") == "delay of the gap top sensor"

@@ -52,6 +52,8 @@ def diagnosis_report(result: Diagnosis, sentence: str = "") -> str:
     page.picture(_picture(page, result))
     if result.indistinguishable or result.next_experiment:
         page.section("Still open", _open(result))
+    if result.limits and result.verdict == "adequate":
+        page.section("What would have shown", _limits(result))
     if result.traces:
         page.section("Try it" if len(_variants(result)) > 1 else "Traces", _try_it(page, result))
     if result.unknown is not None and len(result.steps) > 1:
@@ -60,8 +62,8 @@ def diagnosis_report(result: Diagnosis, sentence: str = "") -> str:
         page.section("Rivals", _rivals(result))
     if chosen := [r for r in result.rivals if r.chosen and r.where]:
         page.section("Where it was decided", "".join(_where(page, r) for r in chosen))
-    page.section("Before and after", _before_and_after(result))
-    if result.limits:
+    page.section("Before and after" if len(result.steps) > 1 else "Error by channel", _before_and_after(result))
+    if result.limits and result.verdict != "adequate":
         page.section("What would have shown", _limits(result))
     page.section("The model", _model(result))
     return page.render()
@@ -76,10 +78,7 @@ def verdict(result: Diagnosis) -> str:
         return "Nothing detectable is missing: what the model leaves is the sensors' noise."
     found = [_with_rivals(result, e) for e in result.effects if not _is_stand_in(e)]
     if result.verdict == "missing_effect":
-        names = listed(found)
-        one = len(found) == 1
-        are, them = ("is", "it") if one else ("are", "them")
-        return f"{names[0].upper()}{names[1:]} {are} missing; with {them}, what is left is noise."
+        return f"Missing: {listed(found)}. With {'it' if len(found) == 1 else 'them'}, what is left is noise."
     beyond = f" beyond {listed(found)}" if found else ""
     if result.unknown is None:
         return f"Something is missing{beyond} that no known effect explains."
@@ -112,18 +111,20 @@ def _lead(result: Diagnosis) -> str:
     if len(result.steps) > 1:
         fall = f"{ratio(math.sqrt(first.reduced_chi2))} to {ratio(math.sqrt(last.reduced_chi2))}"
         held = f", on runs left out of the fit from {ratio(first.heldout_nrmse)} to {ratio(last.heldout_nrmse)}"
-        points.append(f"Error over noise falls from {fall}{held if _finite(last.heldout_nrmse) else ''}.")
+        points.append(
+            f"Error over noise falls from {fall}{held if _finite(last.heldout_nrmse) else ''}{_most(first, last)}."
+        )
     else:
         held = f"; on runs left out of the fit it is {ratio(first.heldout_nrmse)}"
         after = f"Error over noise is {ratio(math.sqrt(first.reduced_chi2))} after the fit"
         points.append(f"{after}{held if _finite(first.heldout_nrmse) else ''}.")
     sizes = [
-        f"{text(_full_symbol(n))} <strong>{text(_size(result, n))}</strong>"
+        f"{text(_full_symbol(n))} <strong class='num'>{text(_size(result, n))}</strong>"
         for n in _shown_parameters(result)
         if "." in n
     ]
     if sizes:
-        points.append("Fitted: " + ", ".join(sizes) + ".")
+        points += [f"{size}." for size in sizes]
     if result.unknown is not None:
         peak = f"{number(abs(result.unknown.peak), 2)} {result.unknown.unit}"
         points.append(f"It reaches <strong>{text(peak)}</strong>. {text(_not_on(result))}")
@@ -132,6 +133,15 @@ def _lead(result: Diagnosis) -> str:
         points.append(f"These data cannot tell {text(effect_name(effect))} from {text(others)}.")
     points += [f"Note: {text(note)}." for note in result.notes]
     return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
+
+
+def _most(first: Step, last: Step) -> str:
+    """The channel whose error falls most, where the sum over all channels hides it."""
+    falls = {c: e / last.errors[c] for c, e in first.errors.items() if last.errors.get(c) and _finite(e)}
+    if len(falls) < 2:
+        return ""
+    channel = max(falls, key=lambda c: falls[c])
+    return f"; most in {title(channel).lower()}, from {ratio(first.errors[channel])} to {ratio(last.errors[channel])}"
 
 
 def _not_on(result: Diagnosis) -> str:
@@ -179,10 +189,15 @@ def _steps_figure(result: Diagnosis) -> Figure:
     if any(_finite(h) for h in held):
         data.append(line(held, "runs left out", "@before", above, "dot"))
     values = [v for v in [*fitted, *held] if _finite(v) and v > 0]
-    low, high = math.log10(min([*values, 0.8]) * 0.6), math.log10(max(values) * 1.9)
+    least, most = min([*values, 1.0]), max(values)
+    if most > 3.0:
+        scale = {"type": "log", "range": [math.log10(least * 0.6), math.log10(most * 1.9)], "dtick": 1}
+    else:
+        pad = 0.25 * max(most - least, 0.1)
+        scale = {"range": [least - pad, most + pad]}
     layout = {
         "xaxis": {"type": "category", "range": [-0.35, len(names) - 0.65], "ticks": ""},
-        "yaxis": {"title": "error / noise", "type": "log", "range": [low, high], "dtick": 1},
+        "yaxis": {"title": "error / noise", **scale},
         "shapes": [_line_at_one("y")],
     }
     return Figure(
@@ -336,9 +351,8 @@ def _try_it(page: Page, result: Diagnosis) -> str:
                 gain[run.name, channel] = errors[0] / errors[-1] if _finite(errors[0]) and errors[-1] > 0 else 0.0
         runs.append(RunTraces(run.name, _about(run.drive_current), traces))
     start = max(gain, key=lambda k: gain[k]) if gain else None
-    html = explorer(
-        page, runs, result.noise, _switches(result), variants, start, ("without any effect", "with the effects chosen")
-    )
+    words = ("without any effect", "with the effects chosen") if len(variants) > 1 else ("by this model", "")
+    html = explorer(page, runs, result.noise, _switches(result), variants, start, words)
     if len(variants) == 1:
         return html
     return (
@@ -419,7 +433,7 @@ def _where(page: Page, rival: Rival) -> str:
         label = f"Part of the evidence for {effect_name(rival.name)} by {by}"
         figures.append(page.figure(Figure([data], layout, label, 240, fixed=True)))
     return (
-        f"<h3>{text(effect_name(rival.name)).capitalize()}</h3><p>Which data ask for it: what only one run asks for is less certain "
+        f"<h3>{text(effect_name(rival.name)[:1].upper() + effect_name(rival.name)[1:])}</h3><p>Which data ask for it: what only one run asks for is less certain "
         f'than what all do.</p><div class="two">{"".join(figures)}</div>'
     )
 
@@ -533,7 +547,7 @@ def _symbol(name: str) -> str:
 
 
 def _full_symbol(name: str) -> str:
-    return f"{effect_name(name.rpartition('.')[0])} {_symbol(name)}"
+    return f"{effect_name(name.rpartition('.')[0])}: {_symbol(name)}"
 
 
 def _size(result: Diagnosis, name: str) -> str:

@@ -35,7 +35,7 @@ def number(value: float | None, digits: int = 3) -> str:
         return "∞" if value > 0 else "−∞"
     text = f"{value:.{digits}g}"
     if "e" in text and 1e-4 <= abs(value) < 1e6:
-        text = f"{value:.0f}"
+        text = f"{value if abs(value) < 1e4 else float(text):.0f}"
     if "e" in text:
         mantissa, _, exponent = text.partition("e")
         text = f"{mantissa}·10{_superscript(int(exponent))}"
@@ -89,11 +89,12 @@ def listed(names: list[str] | tuple[str, ...], joint: str = "and") -> str:
 
 
 def effect_name(name: str) -> str:
-    """``sensor_delay:heave`` → ``sensor delay (heave)``."""
+    """``sensor_delay:heave`` → ``delay of the heave sensor``."""
     if name.startswith("stand_in_"):
         return f"stand-in for the unknown in {name.removeprefix('stand_in_')}"
     base, _, channel = name.partition(":")
-    return base.replace("_", " ") + (f" ({channel.replace('_', ' ')})" if channel else "")
+    words = base.replace("_", " ")
+    return f"{words.removeprefix('sensor ')} of the {channel.replace('_', ' ')} sensor" if channel else words
 
 
 def _superscript(power: int) -> str:
