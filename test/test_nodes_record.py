@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -115,6 +116,19 @@ def test_an_existing_bag_is_not_overwritten(ros, tmp_path):
     assert recorder.wait() == 2
     assert "exists already; give another --output" in recorder.output and "Traceback" not in recorder.output
     assert not list((tmp_path / "bag").iterdir())
+
+
+def test_where_nothing_can_be_written_it_says_so(ros, tmp_path):
+    (tmp_path / "file").write_text("")
+    recorder = ros.start("record", "-o", str(tmp_path / "file" / "bag"))
+    assert recorder.wait() == 2 and "cannot be written: Not a directory; give another --output" in recorder.output
+
+    recorder = ros.start("record", "-o", str(tmp_path / "bag"))  # the folder goes while it records
+    sender = source(ros, 1, 100000)
+    sender.wait_for("\n50\n")
+    shutil.rmtree(tmp_path / "bag")
+    (tmp_path / "bag").write_text("")
+    assert recorder.wait() == 1 and "recording ends" in recorder.output and "Traceback" not in recorder.output
 
 
 def test_only_asked_topics_and_a_duration(ros, tmp_path):

@@ -81,8 +81,11 @@ class SegmentedBag:
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._topics: dict[str, _Topic] = {}
         self._files: list[tuple[str, int, int, int]] = []  # name, first and last time, messages
-        self.path.mkdir(parents=True)
-        self._write_metadata()
+        try:
+            self.path.mkdir(parents=True)
+            self._write_metadata()
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}; give another --output") from None
 
     @property
     def message_count(self) -> int:

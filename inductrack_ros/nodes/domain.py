@@ -14,7 +14,11 @@ FIRST, LAST = 40, 99  # clear of 0, which everybody uses, and of ports that Linu
 def claim_domain() -> IO[str]:
     """Set ROS_DOMAIN_ID to one that no other process has claimed; it is held until the returned file is closed."""
     for number in range(FIRST, LAST + 1):
-        lock = open(Path(tempfile.gettempdir(), f"inductrack_ros_domain_{number}.lock"), "a")
+        path = Path(tempfile.gettempdir(), f"inductrack_ros_domain_{number}.lock")
+        try:
+            lock = open(path, "a")
+        except OSError:  # another user's
+            continue
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:

@@ -34,7 +34,7 @@ class Recorder(Node):
         self._skipped: set[str] = set()
         self._end: float | None = None
         self._subscriptions_by_topic: dict[str, Subscription] = {}
-        self.finished = False
+        self.finished, self.exit_status = False, 0
         self._look_for_topics()
         every(self, LOOK_PERIOD, self._look_for_topics)
         every(self, FLUSH_PERIOD, self._flush)
@@ -91,7 +91,12 @@ class Recorder(Node):
         self._bag.write(topic, stamp_ns(data) if self._options.stamp == "header" else time.time_ns(), data)
 
     def _flush(self) -> None:
-        self._bag.flush()
+        try:
+            self._bag.flush()
+        except OSError as error:  # the disk is full, the folder gone; what was flushed before can be read
+            self.get_logger().error(f"{self._bag.path}: cannot be written: {error.strerror}; recording ends")
+            self.finished, self.exit_status = True, 1
+            return
         if self._options.duration is None or not self._bag.message_count:
             return
         if self._end is None:
@@ -99,9 +104,14 @@ class Recorder(Node):
         self.finished = time.monotonic() >= self._end
 
     def close(self) -> None:
+        if self.exit_status:
+            return
         for topic in self._subscriptions_by_topic:
             self._take_waiting(topic)
-        self._bag.close()
+        try:
+            self._bag.close()
+        except OSError as error:
+            print(f"{self._bag.path}: not all was written: {error.strerror}", file=sys.stderr)
         topics = len(self._subscriptions_by_topic)
         print(f"{self._bag.message_count} messages on {topics} topics in {self._bag.path}")
 
