@@ -21,10 +21,9 @@ PATIENCE = 120.0  # s; the first start compiles the model
 
 
 def main() -> int:
-    report = Path("report")
-    for step in ("run", "compare", "diagnose"):
-        shutil.rmtree(report / step, ignore_errors=True)
-    report.mkdir(exist_ok=True)
+    report = Path("report", "demo")
+    shutil.rmtree(report, ignore_errors=True)  # of an earlier demo
+    report.mkdir(parents=True)
     try:
         print(f"1. ROS 2: sim, track_controller and record, three processes in lockstep, {SECONDS:g} s", flush=True)
         print(f"   {record(report / 'run')}")
