@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .core.errors import InputError
 from .data.bags import read_bag
 from .nodes.domain import claim_domain
 
@@ -31,9 +32,11 @@ def main() -> int:
         inductrack("compare", SAMPLE, "--output", report / "compare")
         print("3. Which effects are missing", flush=True)
         inductrack("diagnose", SAMPLE, "--output", report / "diagnose")
-    except (subprocess.CalledProcessError, TimeoutError) as error:
+    except (subprocess.CalledProcessError, TimeoutError, InputError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        return 130
     print(f"\nRecorded bag: {report / 'run' / 'bag'}")
     for page in sorted(report.glob("*/report.html")):
         print(f"Report: {page.resolve()}")
