@@ -22,7 +22,7 @@ os.environ["PYTHONUNBUFFERED"] = "1"
 # A shell that starts the tests in the background has them ignore Ctrl-C, and what they start would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-PATIENCE = 60.0  # s; how long a condition is awaited on a busy machine before a test fails
+PATIENCE = 120.0  # s; how long a condition is awaited on a busy machine before a test fails
 
 
 def wait_until(condition: Callable[[], object], what: str, while_waiting: Callable[[], None] | None = None) -> object:
