@@ -175,8 +175,7 @@ def _grown(search: Search, beam: Sequence[Trial], limit: int) -> list[Trial]:
 
 def _passing(search: Search, ranked: Sequence[Trial]) -> tuple[Trial, Gate] | None:
     """The first of the two cheapest that leaves nothing but noise."""
-    for t in ranked[:2]:
-        t = t if t.full else search.finish(t)
+    for t in [search.finish(t) for t in ranked[:2]]:
         if (gate := search.gate(t)).adequate:
             return t, gate
     return None
@@ -222,7 +221,7 @@ def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, t
             other = k - key
             if len(k) != len(key) + 1 or not k > key or name in other:
                 continue
-            if not t.full and t.chi2 < chosen.chi2 + CLOSE:
+            if t.chi2 < chosen.chi2 + CLOSE:
                 t = search.finish(t)
             if t.chi2 < chosen.chi2 + TWINS:
                 rivals.append((t.chi2, next(iter(other))))
@@ -240,10 +239,11 @@ def _step(search: Search, names: tuple[str, ...], shown: tuple[str, ...]) -> Ste
     seen = [i for i in range(len(problem.runs)) if i not in out]
     heldout, by_channel = np.nan, {}
     if seen:
-        inner = fit(problem.subset(seen), f.structure, [f.states[i] for i in seen], f.theta, iterations=8)
+        near = [f.linear[i] for i in seen]
+        inner = fit(problem.subset(seen), f.structure, [f.states[i] for i in seen], f.theta, iterations=8, reuse=near)
         model = inner.model
         left = problem.subset(out)
-        outer = fit(left, Structure(model, ()), [f.states[i] for i in out], iterations=8)
+        outer = fit(left, Structure(model, ()), [f.states[i] for i in out], iterations=8, reuse=[f.linear[i] for i in out])
         rest = [p.residual for p in outer.linear]
         heldout, by_channel = _rms(np.concatenate(rest)), _by_channel(left, rest)
     return Step(

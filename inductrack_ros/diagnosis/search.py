@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..estimation.fit import Fit, fit
-from ..estimation.problem import Problem
-from .candidates import Candidate, Screened, effect_columns, screen
+from ..estimation.problem import Linearisation, Problem
+from .candidates import Screened, effect_columns, screen
 from .gate import Gate, Projector, check
 from .signatures import responses
 
-#: Candidates that get a quick refit at the first step and later, and of those a full one; sets kept at each size.
-QUICK_FIRST, QUICK_LATER, FULL, BEAM = 24, 12, 4, 2
+#: Candidates that get one step of a refit at first and later, several, and a refit to convergence; sets kept at each size.
+QUICK_FIRST, QUICK_LATER, SEVERAL, FULL, BEAM = 24, 12, 8, 4, 2
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,17 @@ class Search:
             self.looked[key] = trial
 
     def grow(self, trial: Trial, limit: int) -> list[Trial]:
-        """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them fully refitted."""
-        standing = self.screened(trial)[:limit]
-        quick = self.map(lambda s: self._refit(trial, s.candidate, quick=True), standing)
-        best = sorted((t for t in quick if t), key=lambda t: t.chi2)
-        full = self.map(self.finish, best[:FULL])
-        for t in [*best[FULL:], *full]:
+        """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them refitted.
+
+        The field narrows: one step for all, a few more for `SEVERAL`, convergence for `FULL`.
+        """
+        field = [t for t in self.map(lambda s: self._first_step(trial, s), self.screened(trial)[:limit]) if t]
+        field.sort(key=lambda t: t.chi2)
+        field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
+        field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
+        for t in field:
             self._keep(t)
-        return sorted([*full, *best[FULL:]], key=lambda t: t.chi2)
+        return field
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the threads."""
@@ -86,29 +89,38 @@ class Search:
     def _keep(self, trial: Trial) -> None:
         key = frozenset(trial.names)
         old = self.trials.get(key)
-        if old is None or trial.chi2 < old.chi2:
+        if old is None or (trial.full, -trial.chi2) > (old.full, -old.chi2):
             self.trials[key] = trial
 
-    def _refit(self, trial: Trial, candidate: Candidate, quick: bool) -> Trial | None:
-        """The best refit over the candidate's starts."""
+    def _first_step(self, trial: Trial, screened: Screened) -> Trial | None:
+        """One step of a refit from each of the candidate's starts; the best."""
+        candidate = screened.candidate
         self.tell(" + ".join([*trial.names, candidate.name]))
         best: Fit | None = None
         for start in candidate.starts:
             structure = trial.fit.structure.plus(candidate.name, start)
             theta = structure.start.copy()
             theta[: len(trial.fit.theta)] = trial.fit.theta
-            reuse = trial.fit.linear if quick else None
-            new = fit(self.single, structure, trial.fit.states, theta, iterations=3, tolerance=1.0, reuse=reuse)
+            known = None if start or not candidate.parameters else _beside(trial.fit.linear, screened.columns)
+            new = fit(self.single, structure, trial.fit.states, theta, 1, tolerance=0.5, reuse=trial.fit.linear, linear=known)
             if best is None or new.chi2 < best.chi2:
                 best = new
         return Trial(best, (*trial.names, candidate.name), False, trial.occam) if best is not None and np.isfinite(best.chi2) else None
 
-    def finish(self, trial: Trial) -> Trial:
-        """A quick trial refitted to convergence."""
+    def _further(self, trial: Trial, iterations: int) -> Trial:
+        """More steps of a quick refit."""
         f = trial.fit
-        done = Trial(fit(self.single, f.structure, f.states, f.theta, iterations=15), trial.names, True, trial.occam)
+        new = fit(self.single, f.structure, f.states, f.theta, iterations, tolerance=0.1, reuse=f.linear, linear=f.linear)
+        return Trial(new, trial.names, False, trial.occam)
+
+    def finish(self, trial: Trial) -> Trial:
+        """A trial refitted to convergence with all derivatives fresh."""
+        if trial.full:
+            return trial
+        f = trial.fit
+        done = Trial(fit(self.problem, f.structure, f.states, f.theta, iterations=15), trial.names, True, trial.occam)
         self._keep(done)
-        return done
+        return self.trials[frozenset(trial.names)]
 
     def without(self, trial: Trial, name: str) -> Trial:
         """The trial refitted with one effect taken out."""
@@ -121,3 +133,8 @@ class Search:
         new = Trial(fit(self.problem, structure, trial.fit.states, trial.fit.theta[keep], iterations=15), names, True)
         self._keep(new)
         return self.trials[key]
+
+
+def _beside(linear: Sequence[Linearisation], columns: Sequence[np.ndarray]) -> list[Linearisation]:
+    """A fit's linearisation with a candidate's columns beside its own."""
+    return [replace(part, by_theta=np.hstack([part.by_theta, c])) for part, c in zip(linear, columns, strict=True)]

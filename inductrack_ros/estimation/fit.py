@@ -17,6 +17,8 @@ from .structure import THETA_PRIOR, Structure
 
 #: A parameter whose standard deviation stays above this part of its prior is one the data cannot determine.
 UNDETERMINED = 0.3
+#: Part of a large misfit's χ² that is not worth another step: nobody needs the wrong model's parameters to many digits.
+COARSE = 1e-4
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
 
@@ -90,12 +92,13 @@ def fit(
     until: float = np.inf,
     tolerance: float = 0.02,
     reuse: Sequence[Linearisation] | None = None,
+    linear: Sequence[Linearisation] | None = None,
 ) -> Fit:
     """Fit a structure's free parameters and every run's free initial states.
 
     Starts from ``theta`` and ``states`` where given (else the structure's own values and the first guess). Stops after
     ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``reuse`` the derivatives by the initial
-    states are taken from there: quick, for a first look at a rival.
+    states are taken from there: quick, for a first look at a rival. ``linear`` is the linearisation at the start, if known.
     """
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     low, high = structure.bounds
@@ -114,12 +117,14 @@ def fit(
         return chi_square(_within(problem, problem.residuals(structure, th, xs, until), until)) + penalty(th, xs)
 
     damping, current, converged = 1e-3, cost(theta, states), False
-    linear = problem.linearise(structure, theta, states, until, reuse)
+    if linear is None:
+        linear = problem.linearise(structure, theta, states, until, reuse)
     for _ in range(iterations):
         accepted = False
         for _ in range(8):
             step, local, gain = _solve(problem, linear, theta, structure, states, damping, until)
-            if gain < tolerance:
+            enough = tolerance + COARSE * max(current - 2.0 * problem.samples, 0.0)
+            if gain < enough:
                 converged = True
                 break
             new_theta = np.clip(theta + step, low, high)
@@ -134,7 +139,7 @@ def fit(
         if converged or not accepted:
             converged = converged or np.isfinite(current)
             break
-        small = current - trial < tolerance
+        small = current - trial < enough
         theta, states, current = new_theta, new_states, trial
         linear = problem.linearise(structure, theta, states, until, reuse)
         if small:
