@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg, special, stats
 
 from ..core.state import COORDINATES
 from ..estimation.fit import Fit
@@ -21,10 +21,10 @@ from ..estimation.problem import STATE_PRIOR, Problem
 from .signatures import VARIABLES, RunResponse, basis, in_coordinate, knots, moving_coordinates
 
 #: A complete model is turned down in at most this part of campaigns by the scores, and by whiteness and χ² each.
-LEVEL_SCORES, LEVEL_WHITENESS, LEVEL_SIZE = 0.02, 0.01, 0.005
+LEVEL_SCORES, LEVEL_WHITENESS, LEVEL_SIZE = 0.005, 0.003, 0.002
 #: Relative error allowed in a stated noise level before its χ² counts as misfit.
 NOISE_TOLERANCE = 0.02
-DRAWS = 4000
+DRAWS = 3000
 #: Basis functions per variable: coarse for all, finer too for what can change abruptly along a run.
 COARSE, FINE = 8, 40
 LAGS = 12
@@ -160,8 +160,8 @@ def _score_tests(names, blocks, residual, rng) -> tuple[list[Test], float]:
     observed = np.add.reduceat(score**2, edges[:-1])
     null = np.add.reduceat(draws**2, edges[:-1], axis=1)
     log_p = stats.chi2.logsf(observed, dof)
-    smallest = stats.chi2.logsf(null, dof).min(axis=1)
-    p = float((1 + np.sum(smallest <= log_p.min())) / (DRAWS + 1))
+    smallest = special.chdtrc(dof, null).min(axis=1)
+    p = float((1 + np.sum(smallest <= np.exp(log_p.min()))) / (DRAWS + 1))
     tests = [Test(n, float(o), int(d), float(l)) for n, o, d, l in zip(kept, observed, dof, log_p, strict=True)]
     return tests, p
 

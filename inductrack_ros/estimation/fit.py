@@ -141,7 +141,7 @@ def fit(
             break
         small = current - trial < enough
         theta, states, current = new_theta, new_states, trial
-        linear = problem.linearise(structure, theta, states, until, reuse)
+        linear = problem.linearise(structure, theta, states, until, reuse, linear if reuse is not None else None)
         if small:
             converged = True
             break

@@ -232,10 +232,12 @@ class Problem:
         states: Sequence[np.ndarray],
         until: float = np.inf,
         reuse: Sequence[Linearisation] | None = None,
+        tables_from: Sequence[Linearisation] | None = None,
     ) -> list[Linearisation]:
         """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
 
-        ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of the work.
+        ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of the work;
+        ``tables_from`` those by the stand-ins' tables.
         """
         g = len(theta)
         low, high = structure.bounds
@@ -264,7 +266,10 @@ class Problem:
             ends = [(read[at.get((k, up[k]), 0)], read[at.get((k, down[k]), 0)]) for k in range(g)]
             by_theta = np.array([(a - b) / (up[k] - down[k]) for k, (a, b) in enumerate(ends)]).reshape(g, data.y.size)
             for effect, columns in tables.items():
-                by_theta[columns] = self._table_columns(structure, i, theta, states[i], out[0], effect, columns) / weight
+                if tables_from is not None:
+                    by_theta[columns] = tables_from[i].by_theta[:, columns].T / weight
+                else:
+                    by_theta[columns] = self._table_columns(structure, i, theta, states[i], out[0], effect, columns) / weight
             plus, minus = np.split(read[len(read) - 2 * len(free) :], 2)
             by_state = (plus - minus) / (2 * STATE_STEPS[free])[:, None]
             return Linearisation(

@@ -14,7 +14,7 @@ from ..core.state import ACCELERATIONS, GAPS, INDEX, MOVING, OUTPUTS, STATES
 
 #: What a missing force may depend on, as `diagnosis.json` names it and in the order of a stand-in's ``variable``.
 VARIABLES = (*STATES, "time", "drive")
-#: Steps of the state's central differences, by state: far above rounding, far below where the model bends.
+#: Steps of the state's differences, by state: far above rounding, far below where the model bends.
 STATE_STEPS = np.array([1e-4, 1e-5, 1e-5, 1e-4, 1e-3, 1e-4, 1e-4, 1e-3])
 
 
@@ -88,14 +88,14 @@ def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> n
     n_states = len(model.kernel.states)
     free = np.array([s.removesuffix("_rate") in MOVING[dof] for s in STATES])
     moved = np.flatnonzero(free | (np.arange(8) == 0))
-    jobs = 2 * len(moved)
+    jobs = 1 + len(moved)
     Ps, on = np.tile(P, (jobs, 1)), np.tile(model.switches, (jobs, 1))
     origin = np.full(jobs, float(outputs[0, 0]))
     out = np.empty((jobs, 1, len(OUTPUTS)))
     result = np.tile(np.eye(8), (len(grid) - 1, 1, 1))
     offsets = np.zeros((jobs, n_states))
     for k, s in enumerate(moved):
-        offsets[2 * k, s], offsets[2 * k + 1, s] = STATE_STEPS[s], -STATE_STEPS[s]
+        offsets[1 + k, s] = STATE_STEPS[s]
     base = np.zeros(n_states)
     carries = n_states > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects)
     for k in range(len(grid) - 1):
@@ -106,6 +106,5 @@ def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> n
         model.kernel.simulate_batch(
             grid[k + 1 : k + 2], grid[k], x, Ps, on, model.moving, origin, data.averaged, *data.pulses, 1.0, out
         )
-        for j, s in enumerate(moved):
-            result[k, :, s] = (out[2 * j, 0, :8] - out[2 * j + 1, 0, :8]) / (2 * STATE_STEPS[s])
+        result[k][:, moved] = ((out[1:, 0, :8] - out[0, 0, :8]) / STATE_STEPS[moved, None]).T
     return result
