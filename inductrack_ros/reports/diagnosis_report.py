@@ -124,7 +124,7 @@ def _lead(result: Diagnosis) -> str:
         if "." in n
     ]
     if sizes:
-        points += [f"{size}." for size in sizes]
+        points += [f"{size[:1].upper()}{size[1:]}." for size in sizes]
     if result.unknown is not None:
         peak = f"{number(abs(result.unknown.peak), 2)} {result.unknown.unit}"
         points.append(f"It reaches <strong>{text(peak)}</strong>. {text(_not_on(result))}")
