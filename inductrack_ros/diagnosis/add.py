@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from ..core.effects import split_name
 from ..core.errors import InputError
 from ..core.model import Model
 from ..data.campaign import Campaign
+from ..estimation.fit import Fit, fit
+from ..estimation.problem import Problem
 from . import support
 from .candidates import Candidate
 from .diagnose import _base, _step, _traces, _where
 from .result import Diagnosis, Rival
-from .search import Search
+from .search import Search, Trial
 
 
 def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str], None] = lambda _: None) -> Diagnosis:
@@ -38,12 +41,13 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
     standing = next((s.candidate for s in search.screened(root) if s.candidate.name == name), None)
     if standing is None and item.screened:
         raise InputError(f"'{name}' leaves no trace in these runs, whatever its size; it cannot be fitted to them")
-    quick = search._refit(root, standing or Candidate(name, ({},), 1, len(item.parameters)), quick=False)
-    if quick is None:
+    tell(name)
+    f = min((_refit(problem, base, name, start) for start in (standing.starts if standing else ({},))), key=lambda f: f.chi2)
+    if not math.isfinite(f.chi2):
         raise InputError(f"'{name}' cannot be fitted to these runs: no size of it follows them")
-    trial = search.finish(quick)
+    trial = search.trials[frozenset((*root.names, name))] = Trial(f, (*root.names, name), True)
     gate = search.gate(trial)
-    f, deviations = trial.fit, trial.fit.deviations
+    deviations = f.deviations
     threshold = Candidate(name, ({},), 1, len(item.parameters)).threshold(1)
     gains = root.chi2 - trial.chi2 > threshold
     own = {n: v for n, v in f.values.items() if n.startswith(f"{name}.")}
@@ -71,3 +75,11 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
         traces=_traces(search, root, (name,)),
         seconds=time.monotonic() - began,
     )
+
+
+def _refit(problem: Problem, base: Fit, name: str, start: Mapping[str, float]) -> Fit:
+    """Everything refitted with the effect, from one start of its parameters."""
+    structure = base.structure.plus(name, start)
+    theta = structure.start.copy()
+    theta[: len(base.theta)] = base.theta
+    return fit(problem, structure, base.states, theta)

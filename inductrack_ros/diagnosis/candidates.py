@@ -94,8 +94,10 @@ def _standing(project: Projector, parts: list[np.ndarray]) -> tuple[float, float
     raw = project.stack(parts)
     projected = project(raw)
     size, left = np.linalg.norm(raw, axis=0), np.linalg.norm(projected, axis=0)
-    if (left < 1e-5 * size).any() or (left < 1e-6).any():
+    seen = (left > 1e-5 * size) & (left > 1e-6)  # a shape parameter says nothing while the effect vanishes
+    if not seen.any():
         return None
+    projected = projected[:, seen]
     q, r = np.linalg.qr(projected)
     promise = float(np.sum((q.T @ project.residual) ** 2))
     return promise, float(np.linalg.norm(np.linalg.inv(r), axis=1)[0])
