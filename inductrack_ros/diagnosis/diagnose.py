@@ -56,7 +56,13 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None]) -> 
     search = Search(problem, base, tell)
     root = search.trials[frozenset(base.structure.effects)]
     gate = search.gate(root)
-    chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
+    try:
+        chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
+    except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
+        tell("interrupted: reporting what was found so far")
+        chosen = search.finish(min(search.trials.values(), key=lambda t: penalised(search, t)))
+        found_gate = search.gate(chosen)
+        notes.append("interrupted before the search was over: this is the best set found until then")
     chosen = _prune(search, chosen) if len(chosen.names) > len(root.names) + 1 else chosen
     new = tuple(n for n in chosen.names if n not in root.names)
     stand_in = [n for n in new if n.startswith("stand_in")]

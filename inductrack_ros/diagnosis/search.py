@@ -84,7 +84,11 @@ class Search:
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the threads."""
         with ThreadPoolExecutor(self.problem.threads) as pool:
-            return list(pool.map(task, items))
+            try:
+                return list(pool.map(task, items))
+            except KeyboardInterrupt:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
 
     def _keep(self, trial: Trial) -> None:
         key = frozenset(trial.names)
