@@ -40,6 +40,7 @@ DECLARED = {
     "detectors.seed": Option(0, "seed of the false reports"),
 }
 LIVE = {"drive_current", "target_speed"}
+BACK = 0.1  # m; a pose so far behind the last one means that the simulator was reset
 
 
 class TrackController(Node):
@@ -88,16 +89,18 @@ class TrackController(Node):
         )  # fmt: skip
         self._zero: int | None = None  # ns of the first pose; the times of this run are seconds since
         self._newest = 0
+        self._surge = 0.0
 
     def _take_pose(self, message: PoseStamped) -> None:
         stamp = nanoseconds_of(message.header.stamp)
-        if self._zero is not None and stamp < self._newest:  # the simulator was reset
+        surge = message.pose.position.x
+        if self._zero is not None and (stamp < self._newest or surge < self._surge - BACK):
             self._begin()
         if self._zero is None:
             self._zero = stamp
-        self._newest = stamp
+        self._newest, self._surge = stamp, surge
         now = (stamp - self._zero) / 1e9
-        for edge in self._photodiodes.see(now, message.pose.position.x):
+        for edge in self._photodiodes.see(now, surge):
             self._motion.add(edge)
         amplitude = self._options["drive_current"] if self._options["mode"] == "current" else self._hold
         pulses = self._plan.pulses(now, amplitude)
