@@ -14,7 +14,7 @@ from ..estimation.fit import Fit, fit
 from ..estimation.problem import Problem
 from . import support
 from .candidates import Candidate
-from .diagnose import _base, _step, _traces, _where
+from .diagnose import base_fit, step_of, traces_of, where_won
 from .result import Diagnosis, Rival
 from .search import Search, Trial
 
@@ -34,7 +34,7 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
         raise InputError(f"'{name}' stands for what is not known; `inductrack diagnose` adds it where it must")
     notes = support.inspect(campaign)
     tell("fitting what is known")
-    problem, base, undetermined = _base(campaign, model)
+    problem, base, undetermined = base_fit(campaign, model)
     notes += support.undetermined(undetermined, base)
     search = Search(problem, base, tell)
     root = search.trials[frozenset(base.structure.effects)]
@@ -53,7 +53,7 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
     own = {n: v for n, v in f.values.items() if n.startswith(f"{name}.")}
     rival = Rival(
         name, root.names, root.chi2 - trial.chi2, threshold, own, {n: deviations[n] for n in own},
-        chosen=gains, where=_where(problem, base, f),
+        chosen=gains, where=where_won(problem, base, f),
     )  # fmt: skip
     tell("how well it predicts runs left out")
     return Diagnosis(
@@ -65,14 +65,14 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
         indistinguishable={},
         unknown=None,
         next_experiment=None,
-        steps=tuple(_step(search, (*root.names, *added), added) for added in ((), (name,))),
+        steps=(step_of(search, root, ()), step_of(search, trial, (name,))),
         rivals=(rival,),
         noise=dict(zip(problem.channels, problem.sigma.tolist(), strict=True)),
         noise_given=tuple(campaign.noise_std),
         notes=tuple(notes),
         tests=gate.tests[:12],
         p_value=gate.p_scores,
-        traces=_traces(search, root, (name,)),
+        traces=traces_of(search, trial, root, (name,)),
         seconds=time.monotonic() - began,
     )
 

@@ -51,7 +51,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None]) -> 
     began = time.monotonic()
     notes = support.inspect(campaign)
     tell("fitting what is known")
-    problem, base, undetermined = _base(campaign, model)
+    problem, base, undetermined = base_fit(campaign, model)
     notes += support.undetermined(undetermined, base)
     search = Search(problem, base, tell)
     root = search.trials[frozenset(base.structure.effects)]
@@ -71,12 +71,18 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None]) -> 
     twins = _twins(search, chosen, effects)
     tell("how well it predicts runs left out")
     path = [tuple(new[:k]) for k in range(len(new) + 1)]
-    steps = tuple(_step(search, (*root.names, *p), p) for p in path)
+    steps = tuple(step_of(search, search.part(chosen, (*root.names, *p)), p) for p in path)
     unknown = _unknown(search, chosen, found_gate, stand_in, steps) if verdict == "unknown_effect" else None
     experiment, separation = (None, {})
     if twins or verdict == "unknown_effect":
         tell("which run would settle what is open")
         experiment, separation = propose(search, chosen, twins, unknown)
+    if verdict == "unknown_effect" and (odd := support.disagreeing(problem, base)):
+        notes.append(
+            f"runs disagree: {', '.join(odd)} and the others each fit the model alone, with other values of {', '.join(base.structure.free)}; "
+            "was the rig changed between them?"
+        )
+        experiment = f"repeat one of {', '.join(odd)} and one of the others without touching the rig in between, or diagnose them apart"
     notes += support.leftover(problem, chosen.fit, campaign.noise_std, found_gate)
     f = chosen.fit
     deviations = f.deviations
@@ -97,13 +103,13 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None]) -> 
         notes=tuple(notes),
         tests=found_gate.tests[:12],
         p_value=found_gate.p_scores,
-        traces=_traces(search, root, new),
+        traces=traces_of(search, chosen, root, new),
         separation=separation,
         seconds=time.monotonic() - began,
     )
 
 
-def _base(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ...]]:
+def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ...]]:
     """The problem with its noise, the fit of the model as it is, and the parameters that the data cannot determine."""
     guess = noise.from_samples(campaign) | dict(campaign.noise_std)
     for channel, value in guess.items():
@@ -236,10 +242,9 @@ def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, t
     return twins
 
 
-def _step(search: Search, names: tuple[str, ...], shown: tuple[str, ...]) -> Step:
+def step_of(search: Search, trial: Trial, shown: tuple[str, ...]) -> Step:
     """Errors with a set of effects: fitted on all runs, and on every fourth when the fit saw only the others."""
-    problem, trial = search.problem, search.trials[frozenset(names)]
-    f = trial.fit
+    problem, f = search.problem, trial.fit
     residuals = [p.residual for p in f.linear]
     out = list(range(LEFT_OUT // 2, len(problem.runs), LEFT_OUT)) or [len(problem.runs) - 1]
     seen = [i for i in range(len(problem.runs)) if i not in out]
@@ -300,9 +305,7 @@ def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:
     found = []
     names = list(root.names)
     for step in [n for n in chosen.names if n not in root.names]:
-        parent = search.trials.get(frozenset(names))
-        if parent is None:
-            break
+        parent = search.part(chosen, names)
         thresholds = {s.candidate.name: s.candidate.threshold(len(search.screened(parent))) for s in search.screened(parent)}
         round_ = []
         for key, t in search.trials.items():
@@ -316,7 +319,7 @@ def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:
                 round_.append(
                     Rival(
                         name, tuple(names), fall, thresholds.get(name, np.nan), own, {n: deviations[n] for n in own}, None, name == step,
-                        _words(name == step, t, parent, search), _where(search.problem, parent.fit, f),
+                        _words(name == step, t, parent, search), where_won(search.problem, parent.fit, f),
                     )  # fmt: skip
                 )
         found += sorted(round_, key=lambda r: -r.chi2_fall)
@@ -333,7 +336,7 @@ def _words(chosen: bool, trial: Trial, parent: Trial, search: Search) -> str:
     return f"explains {100 * part:.0f} %; leaves χ² per sample at {left:.3g}"
 
 
-def _where(problem: Problem, before: Fit, after: Fit) -> dict[str, dict[str, float]]:
+def where_won(problem: Problem, before: Fit, after: Fit) -> dict[str, dict[str, float]]:
     """Where the fall in χ² was won: parts by run, and by stretch of speed and gap and by contact."""
     gains, speed, gap = [], [], []
     by_run = {}
@@ -352,7 +355,7 @@ def _where(problem: Problem, before: Fit, after: Fit) -> dict[str, dict[str, flo
         where["speed"][f"{low:g}–{high:g} m/s"] = float(g[(v >= low) & (v <= high)].sum() / total)
     edges = np.unique(np.round(1e3 * np.quantile(h, [0, 0.25, 0.5, 0.75, 1]), 1))
     for low, high in zip(edges[:-1], edges[1:], strict=True):
-        where["gap"][f"{low:g}–{high:g} mm"] = float(g[(1e3 * h >= low) & (1e3 * h <= high)].sum() / total)
+        where["gap"][f"{low + 0:g}–{high + 0:g} mm"] = float(g[(1e3 * h >= low) & (1e3 * h <= high)].sum() / total)
     where["contact"] = {"touching": float(g[h < 0].sum() / total), "free": float(g[h >= 0].sum() / total)}
     return where
 
@@ -376,19 +379,11 @@ def _limits(search: Search, chosen: Trial) -> tuple[Limit, ...]:
     return tuple(sorted(limits, key=lambda x: x.name))
 
 
-def _traces(search: Search, root: Trial, new: Sequence[str]) -> tuple[RunTraces, ...]:
+def traces_of(search: Search, full: Trial, root: Trial, new: Sequence[str]) -> tuple[RunTraces, ...]:
     """Predictions of each subset of the effects found, refitted, for the report's switches."""
     problem = search.problem
     subsets = [tuple(n for j, n in enumerate(new) if mask >> j & 1) for mask in range(2 ** len(new))]
-    fits = {}
-    for subset in subsets:
-        key = frozenset((*root.names, *subset))
-        if key not in search.trials:
-            full = search.trials[frozenset((*root.names, *new))]
-            t = full
-            for name in [n for n in new if n not in subset]:
-                t = search.without(t, name)
-        fits[subset] = search.trials[key].fit
+    fits = {subset: search.part(full, (*root.names, *subset)).fit for subset in subsets}
     traces = []
     for i, data in enumerate(problem.runs):
         predicted = {}

@@ -63,7 +63,7 @@ class Projector:
         """``leave``: indices of theta that are not nuisance and stay in."""
         nuisance = [k for k in range(len(fit.theta)) if k not in set(leave)]
         self.rows, self.bases, residuals, thetas = [], [], [], []
-        for data, part in zip(problem.runs, fit.linear, strict=True):
+        for part in fit.linear:
             good = np.isfinite(part.residual) & np.isfinite(part.by_theta).all(axis=1) & np.isfinite(part.by_state).all(axis=1)
             scaled = part.by_state[good] * STATE_PRIOR[part.free_states]
             q = _orthonormal(np.vstack([scaled, np.eye(scaled.shape[1])]))[: good.sum()] if scaled.shape[1] else scaled
@@ -162,7 +162,7 @@ def _score_tests(names, blocks, residual, rng) -> tuple[list[Test], float]:
     log_p = stats.chi2.logsf(observed, dof)
     smallest = special.chdtrc(dof, null).min(axis=1)
     p = float((1 + np.sum(smallest <= np.exp(log_p.min()))) / (DRAWS + 1))
-    tests = [Test(n, float(o), int(d), float(l)) for n, o, d, l in zip(kept, observed, dof, log_p, strict=True)]
+    tests = [Test(n, float(o), int(d), float(q)) for n, o, d, q in zip(kept, observed, dof, log_p, strict=True)]
     return tests, p
 
 

@@ -78,7 +78,7 @@ class Search:
         field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
         field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
         for t in field:
-            self._keep(t)
+            self.keep(t)
         return field
 
     def map(self, task: Callable, items: Sequence) -> list:
@@ -90,7 +90,8 @@ class Search:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
-    def _keep(self, trial: Trial) -> None:
+    def keep(self, trial: Trial) -> None:
+        """Remember a trial, the better of two with the same effects."""
         key = frozenset(trial.names)
         old = self.trials.get(key)
         if old is None or (trial.full, -trial.chi2) > (old.full, -old.chi2):
@@ -123,7 +124,7 @@ class Search:
             return trial
         f = trial.fit
         done = Trial(fit(self.problem, f.structure, f.states, f.theta, iterations=15), trial.names, True, trial.occam)
-        self._keep(done)
+        self.keep(done)
         return self.trials[frozenset(trial.names)]
 
     def without(self, trial: Trial, name: str) -> Trial:
@@ -135,8 +136,15 @@ class Search:
         structure = trial.fit.structure.minus(name)
         keep = [trial.fit.structure.free.index(f) for f in structure.free]
         new = Trial(fit(self.problem, structure, trial.fit.states, trial.fit.theta[keep], iterations=15), names, True)
-        self._keep(new)
+        self.keep(new)
         return self.trials[key]
+
+    def part(self, trial: Trial, names: Sequence[str]) -> Trial:
+        """The trial with only these of its effects, fitted."""
+        for name in trial.names:
+            if name not in names:
+                trial = self.without(trial, name)
+        return trial
 
 
 def _beside(linear: Sequence[Linearisation], columns: Sequence[np.ndarray]) -> list[Linearisation]:

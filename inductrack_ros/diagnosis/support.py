@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..data.campaign import Campaign
-from ..estimation.fit import Fit
+from ..estimation.fit import Fit, fit
 from ..estimation.problem import Problem
 from .gate import Gate
 
@@ -18,8 +18,8 @@ FEWEST_SAMPLES = 60
 FEW_RUNS = 3
 #: Speeds within this part of each other count as one.
 ONE_SPEED = 0.05
-#: A run whose χ² per sample exceeds the others' median by this factor disagrees with them.
-DISAGREES = 4.0
+#: χ² over degrees of freedom up to which runs count as fitted when they are fitted apart.
+FITS = 1.15
 
 
 def inspect(campaign: Campaign) -> list[str]:
@@ -56,27 +56,41 @@ def _speed(run) -> float:
     return float("nan")
 
 
-def undetermined(names: Sequence[str], fit: Fit) -> list[str]:
+def undetermined(names: Sequence[str], base: Fit) -> list[str]:
     """A note for each free parameter that the data say nothing about."""
-    return [f"{n} cannot be determined from these runs; it stays at {fit.structure.model.parameters.get(n, float('nan')):g}" for n in names]
+    return [f"{n} cannot be determined from these runs; it stays at {base.structure.model.parameters.get(n, float('nan')):g}" for n in names]
 
 
-def leftover(problem: Problem, fit: Fit, given: Mapping[str, float], gate: Gate) -> list[str]:
-    """Notes on what the final fit shows: runs that disagree, noise levels that do not fit, all-contact data."""
+def disagreeing(problem: Problem, base: Fit) -> list[str]:
+    """Names of the runs that, taken apart from the others, fit the model with parameters of their own; none if that does not help."""
+    if len(problem.runs) < FEW_RUNS or not base.structure.free:
+        return []
+    apart: list[int] = []
+    rest = list(range(len(problem.runs)))
+    while len(apart) < len(problem.runs) // 2:
+        inner = fit(problem.subset(rest), base.structure, [base.states[i] for i in rest], base.theta, iterations=10)
+        if inner.reduced_chi2 < FITS:
+            break
+        worst = int(np.argmax([np.nanmean(p.residual**2) for p in inner.linear]))
+        apart.append(rest.pop(worst))
+    else:
+        return []
+    if not apart:
+        return []
+    own = fit(problem.subset(apart), base.structure, [base.states[i] for i in apart], base.theta, iterations=10)
+    return [problem.runs[i].run.name for i in sorted(apart)] if own.reduced_chi2 < FITS else []
+
+
+def leftover(problem: Problem, final: Fit, given: Mapping[str, float], gate: Gate) -> list[str]:
+    """Notes on what the final fit shows: noise levels that do not fit, all-contact data."""
     notes = []
-    per_run = np.array([np.nanmean(p.residual**2) for p in fit.linear])
-    if len(per_run) > 2:
-        typical = np.median(per_run)
-        odd = [problem.runs[i].run.name for i in np.flatnonzero(per_run > DISAGREES * max(typical, 1.0))]
-        if odd and len(odd) <= len(per_run) // 2 and typical < 2.0:
-            notes.append(f"runs disagree: {', '.join(odd)} do(es) not fit a model that fits the others; was the rig changed between runs?")
-    touching = [bool((problem.simulate(fit.structure, i, fit.theta[None], fit.states[i][None])[0][:, 8:11].min(axis=1) < 0).mean() > 0.9) for i in range(len(problem.runs))]
+    touching = [bool((problem.simulate(final.structure, i, final.theta[None], final.states[i][None])[0][:, 8:11].min(axis=1) < 0).mean() > 0.9) for i in range(len(problem.runs))]
     if all(touching):
         notes.append("the cradle touches the track in every run: lift and damping show little; runs that fly would show them")
     if gate.adequate:
         for c, channel in enumerate(problem.channels):
             if channel in given:
-                r = np.concatenate([p.residual[(d.channel == c) & np.isfinite(p.residual)] for d, p in zip(problem.runs, fit.linear, strict=True)])
+                r = np.concatenate([p.residual[(d.channel == c) & np.isfinite(p.residual)] for d, p in zip(problem.runs, final.linear, strict=True)])
                 ratio = float(np.sqrt(np.mean(r**2))) if r.size else 1.0
                 if not 0.9 < ratio < 1.1:
                     notes.append(f"the noise of {channel} is {ratio:.2f} times the stated noise_std")

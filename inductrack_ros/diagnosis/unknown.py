@@ -146,6 +146,8 @@ def stand_ins(search: Search, trial: Trial, limit: int = FULL) -> list[Trial]:
         if finer is None or penalised(search, finer) > penalised(search, done[0]) - 1.0:
             break
         done[0] = finer
+    for t in done[:1]:
+        search.keep(t)
     return done
 
 

@@ -175,7 +175,7 @@ def _solve(problem, linear, theta, structure, states, damping, until):
     for _ in range(g + 1):  # parameters that would leave their range are held at its edge
         S, s = A + damping * np.diag(np.diag(A)), b.copy()
         solved = []
-        for C, B, d, f in runs:
+        for C, B, d, _ in runs:
             Cd = C + damping * np.diag(np.diag(C))
             inverse = np.linalg.solve(Cd, np.column_stack([B.T, d]))
             solved.append(inverse)
