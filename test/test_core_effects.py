@@ -123,9 +123,10 @@ FORMULAS = {
     "halbach_fifth_harmonic": ({"relative_amplitude": 0.2}, lambda x, t: {"harmonic": 0.2}),
 }  # fmt: skip
 
-#: States near the track: in flight, touching, rolling either way (surge, sway, heave, roll, then their rates).
+#: States near the track: in flight, touching, rolling either way (surge, sway, heave, roll, then their rates); not at a
+#: gap of exactly zero, where rounding decides whether a closing contact pushes.
 STATES = st.tuples(
-    st.floats(0, 50), st.floats(-3e-3, 3e-3), st.floats(-0.0101, -0.01) | st.floats(-0.01, 4e-3), st.floats(-0.01, 0.01),
+    st.floats(0, 50), st.floats(-3e-3, 3e-3), st.floats(-0.0101, -0.01001) | st.floats(-0.00999, 4e-3), st.floats(-0.01, 0.01),
     st.floats(-5, 60), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-2, 2),
 ).map(list)  # fmt: skip
 TIMES = st.floats(0, 5)

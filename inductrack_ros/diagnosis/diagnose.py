@@ -121,7 +121,7 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
     problem = Problem(campaign, model, guess)
     free = tuple(campaign.free) + tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
     structure = Structure(problem.model, free)
-    structure.declarations  # an unknown name in `free` is the user's to correct, before the work
+    structure.check()
     base = fit_from_scratch(problem, structure)
     if not np.isfinite(base.chi2):
         raise InputError(f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and drive_current")

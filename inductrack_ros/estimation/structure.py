@@ -52,6 +52,11 @@ class Structure:
         item, _ = split_name(effect, self.model.known_effects, CHANNELS)
         return item.parameters[parameter.partition("[")[0]]
 
+    def check(self) -> None:
+        """Raise `InputError` for a free parameter that does not exist."""
+        for name in self.free:
+            self.declared(name)
+
     @cached_property
     def declarations(self) -> tuple[Parameter, ...]:
         """Declarations in the order of ``free``."""
