@@ -1,0 +1,169 @@
+"""README.md says what the code does: its tables are the code's, its commands exist, its links lead somewhere."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shlex
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+import yaml
+
+from inductrack_ros import cli
+from inductrack_ros.core.effects import catalogue, load_effects
+from inductrack_ros.core.model import Model
+from inductrack_ros.core.parameters import PARAMETERS as MODEL
+from inductrack_ros.nodes import interface_tables, record
+from inductrack_ros.nodes.parameters import MODEL_OPTIONS
+from inductrack_ros.nodes.sim import OWN
+from inductrack_ros.nodes.track_controller import DECLARED
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(\w*)\n(.*?)```", README, re.DOTALL)
+#: Programs that are not ours and take nothing of ours.
+FOREIGN = {"sudo", "mkdir", "source", "export", "rosdep"}
+PARAMETERS = {
+    "sim": {**OWN, **MODEL_OPTIONS, **MODEL},
+    "track_controller": DECLARED,
+}
+
+
+def commands() -> list[list[str]]:
+    """Every command of the shell blocks as words, without remarks."""
+    lines = "\n".join(text for kind, text in BLOCKS if kind == "sh").splitlines()
+    parts = [re.split(r"\s+&&\s+", line) for line in lines]
+    return [words for part in parts for one in part if (words := shlex.split(one, comments=True))]
+
+
+@pytest.fixture(scope="module")
+def tables() -> str:
+    return interface_tables.text()  # conftest.py has claimed a ROS domain
+
+
+def test_the_tables_are_what_the_command_prints(tables):
+    kept = re.search(r"<!-- interface tables: begin -->\n(.*)\n<!-- interface tables: end -->", README, re.DOTALL)[1]
+    wrong = "README.md is out of date: put between its markers what python -m inductrack_ros.nodes.interface_tables prints"
+    assert kept.strip() == tables, wrong
+    assert "python -m inductrack_ros.nodes.interface_tables" in README
+
+
+@pytest.mark.parametrize("words", commands(), ids=" ".join)
+def test_every_command_exists(words, tables, tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    check(words, tables)
+    for word in words:  # files of the repository
+        if word.startswith(("examples/", "config/", "docs/", "launch/", "test/", "src/inductrack_ros/")):
+            assert (ROOT / word.removeprefix("src/inductrack_ros/")).exists(), word
+
+
+def check(words: list[str], tables: str) -> None:
+    name, *rest = words
+    if name == "make":
+        assert set(rest) <= set(re.search(r"\.PHONY: (.*)", (ROOT / "Makefile").read_text())[1].split())
+    elif name == "python":
+        assert (ROOT / rest[0]).is_file()
+    elif name == "inductrack":
+        if rest != ["-h"]:
+            cli._parser().parse_args(rest)  # leaves with an error for what it does not know
+            effect = rest[1] if rest[0] == "add" else "track_slope"
+            assert effect in catalogue()
+    elif name == "record":
+        record.parse(rest)
+    elif name in PARAMETERS:
+        check_parameters(name, rest)
+    elif name == "ros2":
+        check_ros2(rest, tables)
+    elif name == "colcon":
+        assert rest == ["build", "--packages-select", "inductrack_ros"]
+    elif name in ("mv", "echo", "cd", "ln"):
+        pass  # what they make is tried below
+    else:
+        assert name in FOREIGN, f"{name}: not a command that README may name"
+
+
+def check_parameters(node: str, words: list[str]) -> None:
+    assert node in {e.name for e in entry_points(group="console_scripts")}
+    assert not words or words[0] == "--ros-args"
+    for option, value in zip(words[1::2], words[2::2], strict=True):
+        if option == "-p":
+            parameter, _, given = value.partition(":=")
+            declared = PARAMETERS[node][parameter]
+            declared.check(parameter, yaml.safe_load(given))
+        else:
+            assert option == "--params-file" and value.endswith(".yaml")
+
+
+def check_ros2(words: list[str], tables: str) -> None:
+    if words[0] == "launch":
+        assert words[1] == "inductrack_ros" and (ROOT / "launch" / words[2]).is_file()
+        module = ast.parse((ROOT / "launch" / words[2]).read_text())
+        table = next(n.value for n in module.body if isinstance(n, ast.Assign) and n.targets[0].id == "ARGUMENTS")
+        assert {w.partition(":=")[0] for w in words[3:]} <= {key.value for key in table.keys}
+    elif words[0] == "run":
+        assert words[1] == "inductrack_ros"
+        check(words[2:], tables)
+    elif words[:2] == ["param", "set"]:
+        node = words[2].rpartition("/")[2]
+        PARAMETERS[node][words[3]].check(words[3], yaml.safe_load(words[4]))
+        assert f"`{words[3]}`*" in tables, f"{words[3]} cannot be set while the node runs"
+    elif words[:2] == ["service", "call"]:
+        assert f"| `{words[2]}` | {words[3].replace('/srv/', '/')} |" in tables
+    else:
+        assert words[:3] == ["bag", "record", "--regex"] and words[3].startswith("/inductrack/")
+
+
+def test_every_link_leads_to_a_file():
+    for link in re.findall(r"\]\((?!https?:)([^)#]+)", README):
+        assert (ROOT / link).exists(), link
+
+
+def test_the_campaign_that_it_writes_can_be_read(tmp_path):
+    """The lines that `echo` writes are those of a campaign and its model."""
+    from inductrack_ros.data import load_campaign
+
+    written = {w[3]: w[1] for w in commands() if w[0] == "echo"}
+    assert "rig/campaign.yaml" in written
+    for file, text in written.items():
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text(text)
+    for run in yaml.safe_load(written["rig/campaign.yaml"])["runs"]:
+        bag = tmp_path / "rig" / run["file"]
+        cli.main(["simulate", "--duration", "0.1", "--output", str(bag)])
+    campaign = load_campaign(tmp_path / "rig")
+    assert len(campaign.runs) == 1
+    if campaign.model:
+        Model.load(campaign.model)
+
+
+def test_the_effect_on_the_page_works(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(next(text for kind, text in BLOCKS if kind == "python"))
+    model = Model.create(effects={"cable_drag": {"force": 5.0}}, effect_files=[file])
+    assert load_effects([file])["cable_drag"].summary.startswith("A cable")
+    assert model.effects["cable_drag"] == {"force": 5.0}
+    assert [load_effects([file])["cable_drag"].function(v, 5.0) for v in (2.0, 0.0, -2.0)] == [-5.0, 0.0, 5.0]
+
+
+def test_numbers_and_names_of_the_text():
+    assert f"which of {sum(e.screened for e in catalogue().values())} further" in " ".join(README.split())
+    needed = ast.parse((ROOT / "setup.py").read_text())
+    keywords = {k.arg: k.value for n in ast.walk(needed) if isinstance(n, ast.Call) for k in n.keywords}
+    rows = README.partition("## Dependencies")[2].partition("\n## ")[0]
+    for name in [*ast.literal_eval(keywords["install_requires"]), *ast.literal_eval(keywords["extras_require"])]:
+        assert f"`{re.split('[<>=]', name)[0]}`" in rows, name
+
+
+def test_the_security_note_is_true():
+    """The nodes leave DDS to the environment; only the demo and the tests claim a domain, on this machine alone."""
+    asked = {
+        str(p.relative_to(ROOT))
+        for p in (ROOT / "inductrack_ros").rglob("*.py")
+        if re.search(r"claim_domain\(|AUTOMATIC_DISCOVERY_RANGE", p.read_text(encoding="utf-8"))
+    }
+    assert asked == {f"inductrack_ros/{n}" for n in ("demo.py", "nodes/domain.py", "nodes/interface_tables.py")}
+    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert 40 <= int(os.environ["ROS_DOMAIN_ID"]) <= 99
