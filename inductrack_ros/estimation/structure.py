@@ -126,7 +126,7 @@ class Structure:
     def decode(self, theta: np.ndarray) -> dict[str, float]:
         """Parameter values by full name from theta."""
         u = theta * self.scale
-        return {n: float(p.from_fit(x)) for n, p, x in zip(self.free, self.declarations, u, strict=True)}
+        return {n: float(min(max(p.from_fit(x), p.low), p.high)) for n, p, x in zip(self.free, self.declarations, u, strict=True)}
 
     def spread(self, theta: np.ndarray, deviation: np.ndarray) -> dict[str, float]:
         """Standard deviations of the parameter values, from those of theta, to first order."""
@@ -194,6 +194,7 @@ class Structure:
         (all, unless said) to be fitted."""
         item, _ = split_name(name, self.model.known_effects, CHANNELS)
         start = {p: d.default for p, d in item.parameters.items()} | dict(values or {})
+        start = {p: v if isinstance(v, tuple) else min(max(v, item.parameters[p].low), item.parameters[p].high) for p, v in start.items()}
         model = self.model.with_changes(effects={**self.model.effects, name: start})
         added = tuple(f"{name}.{p}" for p in (item.parameters if free is None else free))
         return Structure(model, self.free + added, self.smoothness)
