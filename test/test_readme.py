@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w*)\n(.*?)```", README, re.DOTALL)
 #: Programs that are not ours and take nothing of ours.
-FOREIGN = {"sudo", "mkdir", "source", "export", "rosdep"}
+FOREIGN = {"sudo", "pip", "mkdir", "source", "export", "rosdep"}
 PARAMETERS = {
     "sim": {**OWN, **MODEL_OPTIONS, **MODEL},
     "track_controller": DECLARED,

@@ -28,7 +28,7 @@ MEANINGS = {
     "pose": "the truth at every tick; frame `track`; m",
     "twist": "the truth at every tick; frame `track`; m/s, rad/s",
     "odometry": "pose in `track`, twist in `cradle`; `details_rate`",
-    "gap_*": "`gap_top`, `gap_right`, `gap_left`; m, negative in contact; `details_rate`",
+    "gap_*": "`gap_top`, `gap_right`, `gap_left`, each in a frame of its name; m, negative in contact; `details_rate`",
     "wrench/*": "`lift`, `slip`, `drag`, `thrust`, `contact`, `weight`, `total` and each active effect of the cradle; "
     "`track`; N, N·m; `details_rate`",
     "forces": "the wrenches' forces as arrows in `track`, 2 mm to a newton; `details_rate`",
