@@ -19,6 +19,10 @@ from .structure import THETA_PRIOR, Structure
 UNDETERMINED = 0.3
 #: Part of a large misfit's χ² that is not worth another step: nobody needs the wrong model's parameters to many digits.
 COARSE = 1e-4
+#: Channels that tell something of sway or roll; where none is there, starts (m, rad) to try over a first horizon (s).
+SIDEWAYS = {"sway", "roll", "sway_rate", "roll_rate", "gap_right", "gap_left", "sway_acceleration"}
+UNSEEN_STARTS = tuple((s, r) for s in (0.0, 1.2e-3, 2.4e-3) for r in (-3e-3, 0.0, 3e-3) if s or r >= 0)
+UNSEEN_HORIZON = 0.5
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
 
@@ -213,9 +217,26 @@ def _covariance(problem, structure, linear, until) -> np.ndarray:
 def fit_from_scratch(problem: Problem, structure: Structure, horizons: Sequence[float] = (0.15, 0.4, 0.8)) -> Fit:
     """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability."""
     longest = max(d.grid[-1] for d in problem.runs)
-    states, theta = None, None
+    unseen = problem.dof == 4 and not SIDEWAYS & set(problem.channels)
+    states = _unseen_starts(problem, structure) if unseen else None
+    theta = None
     for horizon in [h for h in horizons if h < 0.8 * longest]:
         step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0)
         if np.isfinite(step.chi2):
             states, theta = step.states, step.theta
     return fit(problem, structure, states, theta)
+
+
+def _unseen_starts(problem: Problem, structure: Structure) -> list[np.ndarray]:
+    """Initial states where nothing measures sway and roll: these still show in heave, but alike for either side, so a fit
+    started in the middle would never leave it. The best of some starts, run by run."""
+    held = Structure(structure.model, ())
+    best: list[tuple[float, np.ndarray]] = [(np.inf, d.guess) for d in problem.runs]
+    for sway, roll in UNSEEN_STARTS:
+        start = [d.guess + np.array([0.0, sway, 0.0, roll, 0.0, 0.0, 0.0, 0.0]) for d in problem.runs]
+        trial = fit(problem, held, start, iterations=8, until=UNSEEN_HORIZON, tolerance=1.0)
+        for i, (d, part) in enumerate(zip(problem.runs, trial.linear, strict=True)):
+            chi2 = float(np.nansum(part.residual[d.time <= UNSEEN_HORIZON] ** 2))
+            if chi2 < best[i][0]:
+                best[i] = chi2, trial.states[i]
+    return [x for _, x in best]
