@@ -1,4 +1,4 @@
-# make demo | make test | make lint | make clean. No environment variable is needed.
+# make demo | make test | make lint | make benchmark-diagnosis | make clean. No environment variable is needed.
 #
 # On a sourced ROS 2 distribution that one is used (a virtual environment that sees the system's packages);
 # on a bare machine ROS 2 comes as wheels from PyPI into .venv.
@@ -12,7 +12,7 @@ comma := ,
 EXTRAS := $(if $(filter wheels,$(ROS)),test$(comma)ros,test)
 READY := $(VENV)/ready-$(ROS)
 
-.PHONY: demo test lint setup clean
+.PHONY: demo test lint setup clean benchmark-diagnosis
 .NOTPARALLEL:
 
 demo: $(READY)
@@ -20,6 +20,9 @@ demo: $(READY)
 
 test: $(READY) lint
 	@$(BIN)/python -m pytest
+
+benchmark-diagnosis: $(READY)
+	@$(BIN)/python benchmarks/blind_diagnosis.py --output build/diagnosis.json
 
 lint: $(READY)
 	@$(BIN)/lint-imports --no-logo

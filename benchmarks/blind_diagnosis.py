@@ -1,6 +1,6 @@
 """Blind benchmark of the diagnosis: campaigns drawn at random and made by a simulator that shares nothing with the library.
 
-    python benchmarks/diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--output build/diagnosis.json]
+    python benchmarks/blind_diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--output build/diagnosis.json]
 
 Prints each campaign as it is done, then the confusion of verdicts, the part that is right, the false-alarm rate, the
 coverage of the 95 % intervals, the error on runs never seen from their exact initial states, and the time.
@@ -61,11 +61,10 @@ def covered(truth: dict, found) -> list[bool]:
     return result
 
 
-def heldout_error(folder: Path, model: Model) -> float:
+def heldout_error(folder: Path, model: Model, noise: dict[str, float]) -> float:
     """RMS error over noise on unseen runs from their exact initial states."""
     campaign = load_campaign(folder)
-    sigma = {c: campaigns.NOISE[c] for c in campaign.channels} | dict(campaign.noise_std)
-    problem = Problem(campaign, model, sigma)
+    problem = Problem(campaign, model, noise)
     rest = np.concatenate(problem.residuals(Structure(model, ()), np.zeros(0), [d.guess for d in problem.runs]))
     rest = rest[np.isfinite(rest)]
     return float(np.sqrt(np.mean(rest**2)))
@@ -90,8 +89,8 @@ def run(seed: int, kind: str | None) -> dict:
             "unknown": [(u["channel"], u["depends_on"]) for u in truth.get("unknown", [])],
             "found": list(found.effects), "twins": {k: list(v) for k, v in found.indistinguishable.items()},
             "found_unknown": None if found.unknown is None else [found.unknown.channel, list(found.unknown.depends_on)],
-            "covered": covered(truth, found), "seconds": seconds, "clarity": min(clarity, default=0.0), "design": truth["plan"].get("design") if isinstance(truth.get("plan"), dict) else None,
-            "error": heldout_error(Path(f"{folder}.heldout"), found.model), "samples": int(sum(r.measured.sum() for r in campaign.runs)),
+            "covered": covered(truth, found), "seconds": seconds, "clarity": min(clarity, default=0.0), "design": truth["plan"]["design"],
+            "error": heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"]), "samples": int(sum(r.measured.sum() for r in campaign.runs)),
         }  # fmt: skip
 
 

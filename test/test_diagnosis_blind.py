@@ -1,0 +1,20 @@
+"""Idea: a small fixed part of the blind benchmark: campaigns drawn at random and made by a simulator the library does not share."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from blind_diagnosis import run  # noqa: E402
+
+#: Seeds of small campaigns, drawn before they were diagnosed: a sensor fault, single effects, nothing.
+SEEDS = ((2002, None), (2003, None), (2009, None), (3000, "nothing"), (3001, "nothing"))
+
+
+@pytest.mark.parametrize(("seed", "kind"), SEEDS)
+def test_blind(seed, kind):
+    row = run(seed, kind)
+    assert row["right"], row
+    assert row["error"] < 1.5
