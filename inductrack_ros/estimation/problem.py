@@ -28,7 +28,7 @@ from .structure import Structure
 #: Longest spacing (s) of the grid between samples that predictions are interpolated and forces are integrated on.
 GRID = 2.5e-3
 #: Step of the parameters' differences, in typical sizes.
-THETA_STEP = 0.02
+THETA_STEP = 2e-3
 #: Prior standard deviation of an initial state about its first guess: says nothing where anything is measured.
 STATE_PRIOR = np.array([0.5, 0.02, 0.02, 0.1, 10.0, 1.0, 1.0, 10.0])
 #: Samples this close (s) to a run's start or end are left out of a channel whose delay is in question.

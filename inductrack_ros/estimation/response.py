@@ -14,8 +14,8 @@ from ..core.state import ACCELERATIONS, GAPS, INDEX, MOVING, OUTPUTS, STATES
 
 #: What a missing force may depend on, as `diagnosis.json` names it and in the order of a stand-in's ``variable``.
 VARIABLES = (*STATES, "time", "drive")
-#: Steps of the state's differences, by state: far above rounding, far below where the model bends.
-STATE_STEPS = np.array([1e-4, 1e-5, 1e-5, 1e-4, 1e-3, 1e-4, 1e-4, 1e-3])
+#: Steps of the state's differences, by state: above rounding, and small enough for runs whose errors grow ten-thousandfold
+STATE_STEPS = np.array([3e-7, 3e-8, 3e-8, 3e-7, 3e-6, 3e-7, 3e-7, 3e-6])
 
 
 @numba.njit(cache=True, nogil=True)
