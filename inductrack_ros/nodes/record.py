@@ -8,6 +8,8 @@ import time
 from datetime import datetime
 from functools import partial
 from importlib import import_module
+from itertools import chain, count
+from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -142,8 +144,15 @@ def parse(args: list[str]) -> argparse.Namespace:
     )  # fmt: skip
     options = parser.parse_args(args)
     options.namespace = options.namespace.strip("/")
-    options.output = options.output or datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+    options.output = options.output or _unused_name()
     return options
+
+
+def _unused_name() -> str:
+    """A folder named by date and time, numbered where one of this second is there already."""
+    name = datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+    numbered = (f"{name}_{i}" for i in count(1))
+    return next(n for n in chain([name], numbered) if not Path(n).exists())
 
 
 def main(args: list[str] | None = None) -> int:
