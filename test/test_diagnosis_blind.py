@@ -7,7 +7,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from blind_diagnosis import run  # noqa: E402
+from blind_diagnosis import run
 
 #: Small campaigns that were right when this was written: they guard against losing ground; the benchmark measures.
 SEEDS = ((2002, None), (2003, None), (2009, None), (3000, "nothing"), (3001, "nothing"))
