@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg, special, stats
 
 from ..core.state import COORDINATES
-from ..estimation.fit import Fit
+from ..estimation.fit import LOST, Fit
 from ..estimation.problem import STATE_PRIOR, Problem
 from .signatures import VARIABLES, RunResponse, basis, in_coordinate, knots, moving_coordinates
 
@@ -85,7 +85,8 @@ class Projector:
 
     def stack(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Per-run columns (m_i, l), only the rows compared, one above the other; what cannot be predicted does not change."""
-        return np.nan_to_num(np.vstack([p[rows] for p, rows in zip(parts, self.rows, strict=True)]))
+        columns = np.vstack([p[rows] for p, rows in zip(parts, self.rows, strict=True)])
+        return np.where(np.abs(columns) < LOST, columns, 0.0)
 
 
 def _orthonormal(a: np.ndarray) -> np.ndarray:

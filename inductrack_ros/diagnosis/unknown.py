@@ -26,6 +26,8 @@ WEIGHTS = np.logspace(-9, 9, 37)
 FULL, REFINEMENTS = 3, 2
 #: Shapes that promise less than this part of the best are not refitted.
 CLOSE = 0.8
+#: A first-order shape that reaches so many weights is far from any truth, and too stiff to simulate.
+ABSURD = 20.0
 #: A force below this part of its peak counts as none, and a table that is mostly none is laid anew over the rest.
 ACTIVE, ZOOM = 0.05, 0.4
 
@@ -173,6 +175,9 @@ def _relaid(search: Search, trial: Trial) -> Shape:
 
 def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:
     """The trial with this stand-in, fitted; started from ``near``, an earlier fit of nearly the same, where there is one."""
+    weight = trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
+    if not np.abs(shape.values).max() < ABSURD * weight:  # nor where not finite
+        return None
     search.tell(" + ".join([*trial.names, f"any force in {shape.coordinate} on {shape.variable}"]))
     plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
     structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})

@@ -17,6 +17,8 @@ from .structure import THETA_PRIOR, Structure
 
 #: A parameter whose standard deviation stays above this part of its prior is one the data cannot determine.
 UNDETERMINED = 0.3
+#: Residuals and derivatives (over noise) beyond this are those of a simulation that has left all bounds.
+LOST = 1e12
 #: Part of a large misfit's χ² that is not worth another step: nobody needs the wrong model's parameters to many digits.
 COARSE = 1e-4
 #: Channels that tell something of sway or roll; where none is there, starts (m, rad) to try over a first horizon (s).
@@ -126,7 +128,10 @@ def fit(
     for _ in range(iterations):
         accepted = False
         for _ in range(8):
-            step, local, gain = _solve(problem, linear, theta, structure, states, damping, until)
+            try:
+                step, local, gain = _solve(problem, linear, theta, structure, states, damping, until)
+            except np.linalg.LinAlgError:  # derivatives beyond all bounds: nothing to be had from here
+                break
             enough = tolerance + COARSE * max(current - 2.0 * problem.samples, 0.0)
             if gain < enough:
                 converged = True
@@ -154,8 +159,9 @@ def fit(
 
 
 def _blocks(data, part: Linearisation, until: float):
-    """Finite rows of one run: residual, derivatives by theta and by the free states."""
-    rows = (data.time <= until) & np.isfinite(part.residual) & np.isfinite(part.by_theta).all(axis=1) & np.isfinite(part.by_state).all(axis=1)
+    """Rows of one run that are within all bounds: residual, derivatives by theta and by the free states."""
+    rows = (data.time <= until) & (np.abs(part.residual) < LOST)
+    rows &= (np.abs(part.by_theta) < LOST).all(axis=1) & (np.abs(part.by_state) < LOST).all(axis=1)  # not where NaN
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
 
 
@@ -175,6 +181,8 @@ def _solve(problem, linear, theta, structure, states, damping, until):
         runs.append((C, G.T @ X, d, f))
         A += G.T @ G
         b += G.T @ r
+    if not (np.isfinite(A).all() and np.isfinite(b).all()):
+        raise np.linalg.LinAlgError("a simulation left all bounds")
     held = np.zeros(g, bool)
     for _ in range(g + 1):  # parameters that would leave their range are held at its edge
         S, s = A + damping * np.diag(np.diag(A)), b.copy()
