@@ -254,13 +254,13 @@ class Model:
             x[INDEX["heave"]] = self.equilibrium_heave(x[INDEX["surge_rate"]])
         return self.with_effect_states(x)
 
-    def with_effect_states(self, x: np.ndarray, time: float = 0.0) -> np.ndarray:
-        """``x`` with the effects' own states set to the quantities they start on (steady values)."""
+    def with_effect_states(self, x: np.ndarray, time: float = 0.0, P: np.ndarray | None = None) -> np.ndarray:
+        """``x`` with the effects' own states set to the quantities they start on (steady values), at parameters P or the model's."""
         full = np.zeros(len(self.kernel.states))
         full[:8] = np.asarray(x, float)[:8]
         if len(full) > 8:
             without = self.switches & ~np.array([bool(self.known_effects[n].states) for n in self.kernel.effects])
-            _, q = self._evaluate(time, full, self.vector, without)
+            _, q = self._evaluate(time, full, self.vector if P is None else P, without)
             full[8:] = [q[kernels.QUANTITIES.index(name)] for name in self.kernel.started_on]
         return full
 

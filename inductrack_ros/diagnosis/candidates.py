@@ -11,7 +11,7 @@ from scipy import stats
 from ..core import kernel as kernels
 from ..core.state import INDEX
 from ..estimation.fit import Fit
-from ..estimation.problem import THETA_STEP, Linearisation, Problem
+from ..estimation.problem import Linearisation, Problem
 from ..estimation.structure import Structure
 from .gate import Projector
 from .signatures import RunResponse
@@ -182,5 +182,3 @@ def effect_columns(screened: Sequence[Screened]) -> dict[str, list[np.ndarray]]:
     """Signature columns by candidate, for the gate; not those that were picked by looking at the data (waves)."""
     return {s.candidate.name: s.columns for s in screened if s.candidate.tries == 1}
 
-
-__all__ = ["THETA_STEP", "Candidate", "Screened", "effect_columns", "names", "screen"]

@@ -11,14 +11,13 @@ from threadpoolctl import threadpool_limits
 from ..core.effects.stand_in import basis
 from ..core.errors import InputError
 from ..core.model import Model
-from ..core.state import COORDINATES, INDEX
+from ..core.state import INDEX
 from ..data.campaign import Campaign
 from ..estimation import noise
 from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 from . import support
-from .candidates import LEVEL
 from .experiment import propose
 from .gate import Gate
 from .result import Diagnosis, Limit, Rival, RunTraces, Step, Unknown
@@ -90,7 +89,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None]) -> 
         campaign=campaign.name,
         verdict=verdict,
         effects=effects,
-        model=_clean(f),
+        model=f.model,
         parameters={n: (v, deviations[n]) for n, v in f.values.items() if "values[" not in n},
         indistinguishable=twins,
         unknown=unknown,
@@ -295,11 +294,6 @@ def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str],
     return Unknown(channel, (VARIABLES[int(table["variable"])],), peak, "N·m" if channel == "roll" else "N", u, force, band)
 
 
-def _clean(f: Fit) -> Model:
-    """The improved model; a delay or size that is practically nothing stays as fitted."""
-    return f.model
-
-
 def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:
     """Every candidate of every round along the path that was taken."""
     found = []
@@ -402,5 +396,3 @@ def _column(data, read: np.ndarray, channel: int) -> np.ndarray:
     column[np.searchsorted(data.run.times, data.time[mine])] = read[mine]
     return column
 
-
-__all__ = ["COORDINATES", "LEVEL", "diagnose"]

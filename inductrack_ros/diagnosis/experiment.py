@@ -24,7 +24,7 @@ from .search import Search, Trial
 SPEEDS = (12.0, 16.0, 20.0, 26.0, 34.0, 42.0)
 CURRENTS = (0.0, 3500.0, 7000.0)
 OFFSETS = ((0.0, 0.0, 0.0), (1e-3, 3e-3, 4e-3))  # heave over equilibrium, sway (m), roll (rad)
-DURATIONS = (1.5, 3.0)
+DURATION = 3.0
 RATE = 250.0
 
 
@@ -58,14 +58,13 @@ def propose(search: Search, chosen: Trial, twins: Mapping[str, tuple[str, ...]],
     for speed in SPEEDS:
         for current in CURRENTS:
             for offsets in OFFSETS:
-                for duration in DURATIONS[-1:]:
-                    try:
-                        sigmas = {n: _separation(search, chosen, t, speed, current, offsets, duration) for n, t in rivals.items()}
-                    except InputError:
-                        continue
-                    worst = min(sigmas.values())
-                    if best is None or worst > min(best.sigmas.values()):
-                        best = Proposal(speed, current, offsets, duration, sigmas)
+                try:
+                    sigmas = {n: _separation(search, chosen, t, speed, current, offsets, DURATION) for n, t in rivals.items()}
+                except InputError:
+                    continue
+                worst = min(sigmas.values())
+                if best is None or worst > min(best.sigmas.values()):
+                    best = Proposal(speed, current, offsets, DURATION, sigmas)
     if best is None:
         return None, {}
     gains = ", ".join(f"{n} by {s:.1f} sigmas" for n, s in best.sigmas.items())
@@ -93,7 +92,7 @@ def _separation(search, chosen, rival, speed, current, offsets, duration) -> flo
         start[i] += offset
     times = np.arange(0.0, duration, 1.0 / RATE)
     made = model.simulate(times, start, drive_current=current)
-    channels = tuple(c for c in problem.channels if c in made_channels(problem))
+    channels = problem.channels
     values = np.column_stack([made[c] for c in channels])
     if not np.isfinite(values).all():
         raise InputError("the run leaves all bounds")
@@ -106,11 +105,6 @@ def _separation(search, chosen, rival, speed, current, offsets, duration) -> flo
     object.__setattr__(data, "guess", start[:8].copy())
     refit = fit(single, Structure(rival.fit.model, ()), [start[:8]], iterations=6, tolerance=0.1)
     return float(np.sqrt(max(refit.chi2, 0.0)))
-
-
-def made_channels(problem: Problem) -> tuple[str, ...]:
-    """Channels a proposed run is taken to measure: those of the campaign."""
-    return problem.channels
 
 
 def _read(problem: Problem, model, start: np.ndarray) -> np.ndarray:

@@ -178,7 +178,7 @@ class Problem:
         on = np.tile(model.switches, (len(states), 1))
         if x.shape[1] > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects):
             for j in range(len(x)):
-                x[j] = _steady(model, x[j], P[j])
+                x[j] = model.with_effect_states(x[j], P=P[j])
         out = np.empty((len(states), times.size, len(OUTPUTS)))
         model.kernel.simulate_batch(
             times, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses, 1.0, out
@@ -301,17 +301,6 @@ class Linearisation:
     by_theta: np.ndarray
     by_state: np.ndarray
     free_states: np.ndarray
-
-
-def _steady(model: Model, x: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Effect states on their steady values (see `Model.with_effect_states`) for another parameter vector."""
-    from ..core.kernel import QUANTITIES
-
-    without = model.switches & ~np.array([bool(model.known_effects[n].states) for n in model.kernel.effects])
-    _, q = model._evaluate(0.0, x, P, without)
-    x = x.copy()
-    x[8:] = [q[QUANTITIES.index(name)] for name in model.kernel.started_on]
-    return x
 
 
 def _interpolate(grid: np.ndarray, out: np.ndarray, channel: str, at: np.ndarray) -> np.ndarray:
