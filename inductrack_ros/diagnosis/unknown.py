@@ -26,7 +26,7 @@ WEIGHTS = np.logspace(-9, 9, 37)
 FULL, REFINEMENTS = 3, 2
 #: Shapes that promise less than this part of the best are not refitted.
 CLOSE = 0.8
-#: A first-order shape that reaches so many weights is far from any truth, and too stiff to simulate.
+#: A first-order shape that reaches so many weights is far from any truth, and too stiff to simulate: not a place to start.
 ABSURD = 20.0
 #: A force below this part of its peak counts as none, and a table that is mostly none is laid anew over the rest.
 ACTIVE, ZOOM = 0.05, 0.4
@@ -176,7 +176,8 @@ def _relaid(search: Search, trial: Trial) -> Shape:
 def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:
     """The trial with this stand-in, fitted; started from ``near``, an earlier fit of nearly the same, where there is one."""
     weight = trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
-    if not np.abs(shape.values).max() < ABSURD * weight:  # nor where not finite
+    sound = np.abs(shape.values).max() < ABSURD * weight  # nor where not finite
+    if not np.isfinite(shape.values).all():
         return None
     search.tell(" + ".join([*trial.names, f"any force in {shape.coordinate} on {shape.variable}"]))
     plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
@@ -185,7 +186,7 @@ def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None
     theta = structure.start.copy()
     theta[: len(trial.fit.theta)] = source.theta[: len(trial.fit.theta)]
     best = None
-    for scale in (1.0, 0.0):  # from the first-order shape, or from nothing where that leads astray
+    for scale in (1.0, 0.0) if sound else (0.0,):  # from the first-order shape, or from nothing where that leads astray
         start = theta.copy()
         start[len(trial.fit.theta) :] *= scale
         new = fit(search.problem, structure, source.states, start, iterations=6, tolerance=3.0, reuse=source.linear)

@@ -25,6 +25,8 @@ COARSE = 1e-4
 SIDEWAYS = {"sway", "roll", "sway_rate", "roll_rate", "gap_right", "gap_left", "sway_acceleration"}
 UNSEEN_STARTS = tuple((s, r) for s in (0.0, 1.2e-3, 2.4e-3) for r in (-3e-3, 0.0, 3e-3) if s or r >= 0)
 UNSEEN_HORIZON = 0.5
+#: Where even the first horizon misses by this many times the noise's χ², each free parameter is also started at these multiples.
+FAR_OFF, MULTIPLES = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0)
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
 
@@ -228,11 +230,24 @@ def fit_from_scratch(problem: Problem, structure: Structure, horizons: Sequence[
     unseen = problem.dof == 4 and not SIDEWAYS & set(problem.channels)
     states = _unseen_starts(problem, structure) if unseen else None
     theta = None
-    for horizon in [h for h in horizons if h < 0.8 * longest]:
+    for k, horizon in enumerate(h for h in horizons if h < 0.8 * longest):
         step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0)
+        if k == 0 and not step.chi2 < FAR_OFF * sum(int((d.time <= horizon).sum()) for d in problem.runs):
+            step = min([step, *_far_starts(problem, structure, states, horizon)], key=lambda f: f.chi2)
         if np.isfinite(step.chi2):
             states, theta = step.states, step.theta
     return fit(problem, structure, states, theta)
+
+
+def _far_starts(problem: Problem, structure: Structure, states: Sequence[np.ndarray] | None, until: float) -> list[Fit]:
+    """Fits over a first horizon from multiples of each free parameter: a rig may be far from the paper's."""
+    fits = []
+    for k, name in enumerate(structure.free):
+        for multiple in MULTIPLES:
+            values = [structure.value(n) * (multiple if n == name else 1.0) for n in structure.free]
+            if structure.value(name) and structure.declarations[k].low <= values[k] <= structure.declarations[k].high:
+                fits.append(fit(problem, structure, states, structure.encode(values), iterations=8, until=until, tolerance=1.0))
+    return fits
 
 
 def _unseen_starts(problem: Problem, structure: Structure) -> list[np.ndarray]:
