@@ -110,7 +110,7 @@ BROKEN = {
     "not utf-8": ("name: Länge".encode("latin-1"), "not UTF-8"),
     "no such date": ("name: 2026-13-45\n" + RUNS, "not valid YAML"),
     "deep": ("[" * 5000, "not valid YAML"),
-    "key twice": (RUNS + RUNS, "line 1: not valid YAML: 'runs' stands here twice"),
+    "key twice": (RUNS + RUNS, "line 3: not valid YAML: 'runs' is given twice"),
     "list as key": ("? [a]\n: b\n", "a key must be a word"),
     "unknown key": (RUNS + "noise: {surge: 1}\n", "line 3: unknown key 'noise'; did you mean 'noise_std'"),
     "no runs": ("name: rig\n", "runs must list at least one run"),

@@ -125,9 +125,10 @@ def test_parameter_file_and_rviz_configuration_name_what_exists():
 
     blocks = yaml.safe_load((ROOT / "config/default.yaml").read_text())
     assert set(blocks) == {"/**/sim", "/**/track_controller"}
-    Model.load(ROOT / "config/default.yaml", ignore={*sim.OWN, *track_controller.DECLARED, "measured", "detectors"})
-    known = {*sim.OWN, *Model.default().parameters, *track_controller.DECLARED}
-    assert set(read_parameter_file(ROOT / "config/default.yaml")) <= known
+    assert Model.load(ROOT / "config/default.yaml") == Model.default()  # and what is the node's own is passed over
+    for node, own in (("sim", sim.OWN), ("track_controller", track_controller.DECLARED)):
+        given = read_parameter_file(ROOT / "config/default.yaml", node)
+        assert given and set(given) <= {*own, *Model.default().parameters}
     rviz = yaml.safe_load((ROOT / "rviz/forces.rviz").read_text())
     shown = {d["Topic"]["Value"] for d in rviz["Visualization Manager"]["Displays"] if "Topic" in d}
     assert shown == {"/inductrack/forces", "/inductrack/odometry", "/inductrack/measured/pose"}

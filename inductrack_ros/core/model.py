@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -17,10 +16,11 @@ from scipy.optimize import brentq
 from . import kernel as kernels
 from .effects import Effect, load_effects, split_name
 from .errors import InputError, did_you_mean
+from .options import DRIVES, MODEL_OPTIONS, is_of_the_node
+from .parameter_files import read_parameter_file
 from .parameters import PARAMETERS, check_parameters
 from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES
 
-DRIVES = ("averaged", "pulses")
 _NONE = np.empty(0)
 
 
@@ -117,13 +117,13 @@ class Model:
         return cls.create()
 
     @classmethod
-    def load(cls, path: str | Path, extra_files: Iterable[str | Path] = (), ignore: Iterable[str] = ()) -> Model:
+    def load(cls, path: str | Path, extra_files: Iterable[str | Path] = ()) -> Model:
         """Read a ROS 2 parameter file, or a plain mapping of the same names.
 
-        ``extra_files`` are effect files besides those the file names; names in ``ignore`` (a node's own parameters)
-        are passed over. Raises `InputError` naming the file and the parameter.
+        ``extra_files`` are effect files besides those the file names; the `sim` node's own parameters are passed over.
+        Raises `InputError` naming the file and the parameter.
         """
-        return cls.from_mapping(read_parameter_file(path), str(path), extra_files, ignore, Path(path).parent)
+        return cls.from_mapping(read_parameter_file(path), str(path), extra_files, Path(path).parent)
 
     @classmethod
     def from_mapping(
@@ -131,7 +131,6 @@ class Model:
         values: Mapping[str, object],
         where: str = "",
         extra_files: Iterable[str | Path] = (),
-        ignore: Iterable[str] = (),
         folder: Path | None = None,
     ) -> Model:
         """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``, ``<effect>.<parameter>``."""
@@ -147,7 +146,7 @@ class Model:
         effects: dict[str, dict[str, object]] = {name: {} for name in names}
         for key, value in values.items():
             effect_name, dot, parameter = key.rpartition(".")
-            if key in ignore or effect_name.split(".")[0] in ignore:
+            if is_of_the_node(key):
                 continue
             if not dot:
                 base[key] = value
@@ -159,7 +158,7 @@ class Model:
                     raise InputError(f"{place}effect '{effect_name}' has no parameter '{parameter}'{did_you_mean(parameter, item.parameters)}")
         for key in base:
             if key not in PARAMETERS:
-                known = [*PARAMETERS, "dof", "drive", "effects", "effect_files"]
+                known = [*PARAMETERS, *MODEL_OPTIONS]
                 raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, known)}")
         return cls.create(base, effects, dof, drive, files, where)
 
@@ -419,78 +418,3 @@ def _text_list(value: object, name: str, place: str) -> list[str]:
     if not isinstance(value, (list, tuple)) or any(not isinstance(v, str) for v in value):
         raise InputError(f"{place}{name} must be a list of names, got {value!r:.60}")
     return [v for v in value if v]
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML as ROS 2 reads it: 1e-3 is a number (YAML 1.1, which PyYAML follows, asks for 1.0e-3), there are no aliases."""
-
-    def compose_node(self, parent, index):
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.MarkedYAMLError(problem="aliases (*name) cannot stand here", problem_mark=self.peek_event().start_mark)
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node, deep=False):
-        mapping = super().construct_mapping(node, deep)
-        if len(mapping) < len(node.value):
-            names = [k.value for k, _ in node.value]
-            again = next((k for i, (k, _) in enumerate(node.value) if k.value in names[:i]), node)
-            raise yaml.MarkedYAMLError(problem=f"'{again.value}' is given twice", problem_mark=again.start_mark)
-        return mapping
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
-
-
-def read_parameter_file(path: str | Path) -> dict[str, object]:
-    """Flat names and values of a ROS 2 parameter file (any node's block) or of a plain YAML mapping. Raises `InputError`."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error.__class__.__name__}); give a YAML file") from error
-    try:
-        loaded = yaml.load(text, _Loader)
-    except RecursionError as error:
-        raise InputError(f"{path}: nested too deep; {_EXPECTED}") from error
-    except Exception as error:  # PyYAML lets ValueError and others through for odd scalars
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        line = f", line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
-        raise InputError(f"{path}{line}: not valid YAML: {problem}") from error
-    if not isinstance(loaded, dict):
-        raise InputError(f"{path}: {_EXPECTED}, got {type(loaded).__name__}")
-    blocks: list[object] = []
-    _find_blocks(loaded, blocks)
-    flat: dict[str, object] = {}
-    for block in blocks or [loaded]:
-        if not isinstance(block, dict):
-            raise InputError(f"{path}: ros__parameters must hold parameter names with values")
-        _flatten(block, "", flat, path)
-    return flat
-
-
-_EXPECTED = "expected parameter names with values"
-_DEEPEST = 8  # far more than a node's name and an effect's parameter need
-
-
-def _find_blocks(node: object, found: list) -> None:
-    if isinstance(node, dict):
-        for key, value in node.items():
-            if key == "ros__parameters":
-                found.append(value)
-            else:
-                _find_blocks(value, found)
-
-
-def _flatten(node: dict, prefix: str, flat: dict[str, object], path: str | Path) -> None:
-    for key, value in node.items():
-        name = f"{prefix}{key}"
-        if not isinstance(value, dict):
-            flat[name] = value
-        elif name.count(".") < _DEEPEST:
-            _flatten(value, name + ".", flat, path)
-        else:
-            raise InputError(f"{path}: '{name[:60]}' is nested too deep; {_EXPECTED}")

@@ -11,11 +11,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from .. import frames
 from ..core.errors import InputError, did_you_mean
 from ..core.state import CHANNELS, MOVING, STATES
+from ..core.yaml_files import Lines, read_yaml
 from .bags import TYPES, read_bag
 from .csv_files import read_csv
 from .measurement import Run
@@ -59,7 +58,7 @@ def load_campaign(folder: str | Path, gravity: float = frames.GRAVITY) -> Campai
     """
     folder = Path(folder)
     file = folder if folder.suffix in (".yaml", ".yml") and folder.is_file() else folder / FILE
-    mapping = _Section(file, "", _load_yaml(file), KEYS)
+    mapping = _Section(file, "", _content(file), KEYS)
     runs = _runs(file.parent, mapping, _topics(mapping), gravity)
     return Campaign(
         name=_name(mapping, file.parent),
@@ -72,73 +71,15 @@ def load_campaign(folder: str | Path, gravity: float = frames.GRAVITY) -> Campai
     )
 
 
-# ---------------------------------------------------------------- YAML that knows its lines
-
-
-class _Lines(dict):
-    """A YAML mapping and the line of each key."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.lines: dict[Any, int] = {}
-
-
-class _Loader(yaml.SafeLoader):
-    """SafeLoader that keeps line numbers and refuses a key that stands twice, which PyYAML would drop silently."""
-
-
-def _construct_mapping(loader: _Loader, node: yaml.MappingNode) -> Iterator[_Lines]:
-    mapping = _Lines()
-    yield mapping  # first empty, then filled: so aliases may point back
-    own = Counter((key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode))
-    loader.flatten_mapping(node)
-    values = {}
-    for key_node, value_node in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        line = key_node.start_mark.line + 1
-        if not isinstance(key, (str, int, float, type(None))):
-            raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
-        if own[key_node.tag, key_node.value] > 1:
-            raise yaml.constructor.ConstructorError(None, None, f"'{key}' stands here twice", key_node.start_mark)
-        mapping.lines[key] = line
-        values[key] = loader.construct_object(value_node, deep=True)
-    mapping.update(values)
-
-
-_Loader.add_constructor("tag:yaml.org,2002:map", _construct_mapping)
-
-
-def _load_yaml(file: Path) -> Any:
-    try:
-        if not file.parent.is_dir():
-            raise InputError(f"{file.parent}: no such folder; a campaign is a folder with {FILE}")
-        if not file.is_file():
-            raise InputError(f"{file}: no such file; a campaign is a folder with {FILE} in it")
-        text = file.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{file}: not UTF-8 text; save it with UTF-8 encoding") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    try:
-        content = yaml.load(text, _Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f", line {mark.line + 1}" if mark else ""
-        problem = _one_line(error.problem or error.context)
-        tab = "; indent with spaces, not tabs" if "'\\t'" in problem else ""
-        raise InputError(f"{file}{line}: not valid YAML: {problem}{tab}") from None
-    except yaml.reader.ReaderError as error:
-        line = f", line {text.count(chr(10), 0, error.position) + 1}"
-        raise InputError(f"{file}{line}: not valid YAML: a control character; save the file as plain text") from None
-    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
-        raise InputError(f"{file}: not valid YAML: {_one_line(error)}") from None
+def _content(file: Path) -> Any:
+    if not _exists(file.parent):
+        raise InputError(f"{file.parent}: no such folder; a campaign is a folder with {FILE}")
+    if not _exists(file) or file.is_dir():
+        raise InputError(f"{file}: no such file; a campaign is a folder with {FILE} in it")
+    content = read_yaml(file, aliases=True)
     if content is None:
         raise InputError(f"{file}: empty; it needs at least `runs:` with a file and a drive_current for each")
     return content
-
-
-def _one_line(error: object) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 # ---------------------------------------------------------------- the keys
@@ -149,7 +90,7 @@ class _Section:
 
     def __init__(self, file: Path, place: str, content: Any, known: Iterable[str], line: int = 1) -> None:
         self.file, self.place, self.line = file, place, line
-        self.content = content if isinstance(content, _Lines) else _Lines()
+        self.content = content if isinstance(content, Lines) else Lines()
         if self.content is not content:
             raise self.error(None, f"must be `key: value` lines, not {_shown(content)}")
         known = tuple(known)
@@ -181,7 +122,7 @@ class _Section:
         return _Section(self.file, place, self.get(key), known, self.line_of(key))
 
     def number(self, key: str) -> float:
-        """A finite number. PyYAML takes `5e-4` for text, since YAML 1.1 wants `5.0e-4`; people do not."""
+        """A finite number; in quotes it is one too."""
         value = self.get(key)
         try:
             if isinstance(value, bool) or not isinstance(value, (int, float, str)):
@@ -206,7 +147,7 @@ def _shown(value: Any) -> str:
 
 def _name(mapping: _Section, folder: Path) -> str:
     value = mapping.get("name")
-    if isinstance(value, (_Lines, list)):
+    if isinstance(value, (Lines, list)):
         raise mapping.error("name", f"name must be text, not {_shown(value)}")
     return folder.resolve().name if value is None else str(value)
 
@@ -292,7 +233,7 @@ def _run(section: _Section, file: Path, name: str, topics: Mapping[str, str | No
 
 
 def _line(entry: Any, default: int) -> int:
-    return min(entry.lines.values(), default=default) if isinstance(entry, _Lines) else default
+    return min(entry.lines.values(), default=default) if isinstance(entry, Lines) else default
 
 
 def _names(folder: Path, files: list[Path]) -> list[str]:

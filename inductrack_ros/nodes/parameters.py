@@ -3,52 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
 from ..core.errors import InputError, did_you_mean
-from ..core.model import DRIVES
+from ..core.options import MODEL_OPTIONS, Option
 from ..core.parameters import Parameter
+
+__all__ = ["MODEL_OPTIONS", "Option", "declare", "given", "plain", "refuse_unknown"]
 
 #: Parameters that rclpy itself declares.
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
-
-@dataclass(frozen=True)
-class Option:
-    """A parameter that is not a real number: a switch, a name, a whole number, a list of either."""
-
-    default: bool | int | str | list
-    meaning: str
-    choices: tuple[str, ...] = ()
-    low: int = 0
-    high: int = 2**31
-
-    def check(self, name: str, value: object, where: str = "") -> object:
-        """Return the value, or raise `InputError` naming the parameter and what it may be."""
-        place = f"{where}: " if where else ""
-        if isinstance(self.default, list):
-            kind = type(self.default[0])
-            if not isinstance(value, list) or any(type(v) is not kind for v in value):
-                raise InputError(f"{place}{name} = {value!r} must be a list of {kind.__name__}")
-        elif type(value) is not type(self.default):
-            raise InputError(f"{place}{name} = {value!r} must be of type {type(self.default).__name__}")
-        elif self.choices and value not in self.choices:
-            raise InputError(f"{place}{name} = {value!r} must be one of {', '.join(self.choices)}")
-        elif type(value) is int and not self.low <= value <= self.high:
-            raise InputError(f"{place}{name} = {value} is out of range; it must lie in [{self.low}, {self.high}]")
-        return value
-
-
-#: What a model is made of besides its numbers.
-MODEL_OPTIONS = {
-    "dof": Option(4, "degrees of freedom: 1 (heave), 2 (surge, heave) or 4", low=1, high=4),
-    "drive": Option("averaged", "thrust by the averaged law, or by the pulses on drive_pulses", DRIVES),
-    "effects": Option([""], "effects that are on, e.g. aerodynamic_drag"),
-    "effect_files": Option([""], "Python files with effects of your own"),
-}
 
 Declared = Mapping[str, Parameter | Option]
 

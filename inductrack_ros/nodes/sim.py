@@ -16,32 +16,17 @@ from std_srvs.srv import SetBool, Trigger
 
 from ..core.errors import InputError
 from ..core.model import Model
-from ..core.parameters import PARAMETERS, Parameter
+from ..core.options import MODEL_OPTIONS, SIM
+from ..core.parameters import PARAMETERS
 from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
-from .parameters import MODEL_OPTIONS, Option, declare, given, plain, refuse_unknown
+from .parameters import declare, given, plain, refuse_unknown
 from .runtime import NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
 from .topics import DEPTH, SimulatorTopics, channels, nanoseconds_of, stamp_of
 
-OWN = {
-    "rate": Parameter(500.0, "Hz", 1.0, 1000.0, "ticks to a simulated second; pose and twist are published at each"),
-    "details_rate": Parameter(50.0, "Hz", 0.1, 1000.0, "how often odometry, gaps and wrenches are published"),
-    "speed_factor": Parameter(1.0, "", 1e-3, 1e3, "simulated seconds to a real second"),
-    "lockstep": Option(False, "wait at each tick for a controller's answer on lockstep/done"),
-    "lockstep_timeout": Parameter(5.0, "s", 0.1, 3600.0, "say so when no answer came for so long"),
-    "paused": Option(False, "start standing still, until the pause service says otherwise"),
-    "publish_clock": Option(False, "publish /clock; simulated time then begins at 0, else at the time of the start"),
-    "initial_state": Option("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),
-    "track_length": Parameter(1000.0, "m", 0.1, 1e6, "length of track that has drive coils, one every λ/2"),
-    "max_pulse_current": Parameter(2e4, "A", 0.0, 1e6, "a drive pulse of more is refused"),
-    "track_frame": Option("track", "frame of poses, twists and wrenches"),
-    "cradle_frame": Option("cradle", "frame that moves with the cradle"),
-    "reliability": Option("reliable", "quality of service of what is published", ("reliable", "best_effort")),
-    "seed": Option(0, "seed of the sensors' noise"),
-    **sensors.declared(),
-}
+OWN = {**SIM, **sensors.declared()}
 LIVE = {"speed_factor", "lockstep_timeout", *PARAMETERS, *sensors.declared()}
 LONGEST_BATCH = 0.05  # s of real time spent on ticks before services and commands get their turn
 LONGEST_DEBT = 0.1  # s of real time that the simulation may lag and still catch up
@@ -58,7 +43,7 @@ class SimNode(Node):
         own_names = {n: v for n, v in start.items() if "." not in n or n.startswith("measured.")}
         refuse_unknown(own_names, {**PARAMETERS, **MODEL_OPTIONS, **OWN}, self)
         # The core checks what belongs to the model, effects' parameters included, in its own words.
-        self.model = Model.from_mapping({n: v for n, v in start.items() if n not in OWN}, where="sim")
+        self.model = Model.from_mapping(start, where="sim")
         effect_parameters = {
             f"{name}.{p}": declared
             for name in self.model.effects

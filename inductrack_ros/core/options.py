@@ -1,0 +1,72 @@
+"""Parameters that are no numbers of the physics: what else a model is made of, and the `sim` node's own.
+
+The node's stand here and not with the node, so that a parameter file made for it can be read as a model without ROS.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .errors import InputError
+from .parameters import Parameter
+
+DRIVES = ("averaged", "pulses")
+
+
+@dataclass(frozen=True)
+class Option:
+    """A parameter that is not a real number: a switch, a name, a whole number, a list of either."""
+
+    default: bool | int | str | list
+    meaning: str
+    choices: tuple[str, ...] = ()
+    low: int = 0
+    high: int = 2**31
+
+    def check(self, name: str, value: object, where: str = "") -> object:
+        """Return the value, or raise `InputError` naming the parameter and what it may be."""
+        place = f"{where}: " if where else ""
+        if isinstance(self.default, list):
+            kind = type(self.default[0])
+            if not isinstance(value, list) or any(type(v) is not kind for v in value):
+                raise InputError(f"{place}{name} = {value!r} must be a list of {kind.__name__}")
+        elif type(value) is not type(self.default):
+            raise InputError(f"{place}{name} = {value!r} must be of type {type(self.default).__name__}")
+        elif self.choices and value not in self.choices:
+            raise InputError(f"{place}{name} = {value!r} must be one of {', '.join(self.choices)}")
+        elif type(value) is int and not self.low <= value <= self.high:
+            raise InputError(f"{place}{name} = {value} is out of range; it must lie in [{self.low}, {self.high}]")
+        return value
+
+
+#: What a model is made of besides its numbers.
+MODEL_OPTIONS = {
+    "dof": Option(4, "degrees of freedom: 1 (heave), 2 (surge, heave) or 4", low=1, high=4),
+    "drive": Option("averaged", "thrust by the averaged law, or by the pulses on drive_pulses", DRIVES),
+    "effects": Option([""], "effects that are on, e.g. aerodynamic_drag"),
+    "effect_files": Option([""], "Python files with effects of your own"),
+}
+
+#: The `sim` node's own, besides its sensors', which all begin with ``measured.``
+SIM: dict[str, Parameter | Option] = {
+    "rate": Parameter(500.0, "Hz", 1.0, 1000.0, "ticks to a simulated second; pose and twist are published at each"),
+    "details_rate": Parameter(50.0, "Hz", 0.1, 1000.0, "how often odometry, gaps and wrenches are published"),
+    "speed_factor": Parameter(1.0, "", 1e-3, 1e3, "simulated seconds to a real second"),
+    "lockstep": Option(False, "wait at each tick for a controller's answer on lockstep/done"),
+    "lockstep_timeout": Parameter(5.0, "s", 0.1, 3600.0, "say so when no answer came for so long"),
+    "paused": Option(False, "start standing still, until the pause service says otherwise"),
+    "publish_clock": Option(False, "publish /clock; simulated time then begins at 0, else at the time of the start"),
+    "initial_state": Option("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),
+    "track_length": Parameter(1000.0, "m", 0.1, 1e6, "length of track that has drive coils, one every λ/2"),
+    "max_pulse_current": Parameter(2e4, "A", 0.0, 1e6, "a drive pulse of more is refused"),
+    "track_frame": Option("track", "frame of poses, twists and wrenches"),
+    "cradle_frame": Option("cradle", "frame that moves with the cradle"),
+    "reliability": Option("reliable", "quality of service of what is published", ("reliable", "best_effort")),
+    "seed": Option(0, "seed of the sensors' noise"),
+}
+SENSORS = "measured."
+
+
+def is_of_the_node(name: str) -> bool:
+    """Whether a parameter is the node's and no business of the model."""
+    return name in SIM or name.startswith(SENSORS)
