@@ -8,10 +8,13 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from ..core.errors import InputError, did_you_mean
+from ..core.model import Model
 from ..core.options import MODEL_OPTIONS, Option
-from ..core.parameters import Parameter
+from ..core.parameters import PARAMETERS, Parameter
 
-__all__ = ["MODEL_OPTIONS", "Option", "declare", "given", "plain", "refuse_unknown"]
+__all__ = [
+    "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "given", "plain", "refuse_unknown", "with_values",
+]  # fmt: skip
 
 #: Parameters that rclpy itself declares.
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
@@ -51,6 +54,25 @@ def declare(node: Node, declared: Declared, live: Collection[str] = ()) -> dict[
         node.declare_parameter(name, plain(value), _descriptor(one, name in live), ignore_override=True)
         values[name] = value
     return values
+
+
+def effect_parameters(model: Model) -> dict[str, Parameter]:
+    """Parameters of the model's effects by their names on a node, ``EFFECT.PARAMETER``."""
+    return {
+        f"{name}.{parameter}": declared
+        for name in model.effects
+        for parameter, declared in model.known_effects[name.partition(":")[0]].parameters.items()
+    }
+
+
+def with_values(model: Model, values: Mapping[str, object]) -> Model:
+    """The model with some of its own parameters and those of its effects changed. Raises `InputError`."""
+    effects = {name: dict(parameters) for name, parameters in model.effects.items()}
+    for name, value in values.items():
+        effect, dot, parameter = name.rpartition(".")
+        if dot:
+            effects[effect][parameter] = value
+    return model.with_changes({n: v for n, v in values.items() if n in PARAMETERS}, effects)
 
 
 def _descriptor(one: Parameter | Option, live: bool) -> ParameterDescriptor:

@@ -21,7 +21,7 @@ from ..core.parameters import PARAMETERS
 from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
-from .parameters import declare, given, plain, refuse_unknown
+from .parameters import declare, effect_parameters, given, plain, refuse_unknown, with_values
 from .runtime import NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
 from .topics import DEPTH, SimulatorTopics, channels, nanoseconds_of, stamp_of
@@ -44,14 +44,10 @@ class SimNode(Node):
         refuse_unknown(own_names, {**PARAMETERS, **MODEL_OPTIONS, **OWN}, self)
         # The core checks what belongs to the model, effects' parameters included, in its own words.
         self.model = Model.from_mapping(start, where="sim")
-        effect_parameters = {
-            f"{name}.{p}": declared
-            for name in self.model.effects
-            for p, declared in self.model.known_effects[name.partition(":")[0]].parameters.items()
-        }
-        in_model = {**PARAMETERS, **MODEL_OPTIONS, **effect_parameters}
-        self._options = declare(self, {**in_model, **OWN}, live={*LIVE, *effect_parameters})
-        self._in_model = {*PARAMETERS, *effect_parameters}
+        of_effects = effect_parameters(self.model)
+        in_model = {**PARAMETERS, **MODEL_OPTIONS, **of_effects}
+        self._options = declare(self, {**in_model, **OWN}, live={*LIVE, *of_effects})
+        self._in_model = {*PARAMETERS, *of_effects}
 
         options = self._options
         coils = int(options["track_length"] / (0.5 * self.model.parameters["wavelength"]))
@@ -245,7 +241,7 @@ class SimNode(Node):
     def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
         values = {p.name: plain(p.value) for p in changed}
         try:
-            model = self.model.with_changes(*self._split({n: v for n, v in values.items() if n in self._in_model}))
+            model = with_values(self.model, {n: v for n, v in values.items() if n in self._in_model})
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self.model = self.sensors.model = model
@@ -255,16 +251,6 @@ class SimNode(Node):
         if "speed_factor" in values:
             self._resume()
         return SetParametersResult(successful=True)
-
-    def _split(self, values: dict[str, float]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-        """Changed values as the model's own and the effects' (all of them, the changed ones in place)."""
-        own = {n: v for n, v in values.items() if n in PARAMETERS}
-        effects = {name: dict(parameters) for name, parameters in self.model.effects.items()}
-        for name, value in values.items():
-            effect, dot, parameter = name.rpartition(".")
-            if dot:
-                effects[effect][parameter] = value
-        return own, effects
 
     # -- what it says ---------------------------------------------------------------------------------------------
 
