@@ -115,18 +115,10 @@ def _campaign_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
     """The campaign and the model it is held against."""
-    from .core.model import Model
     from .data import load_campaign
 
     campaign = load_campaign(arguments.campaign)
-    path = arguments.model or campaign.model
-    if path is None:
-        model = Model.create(effect_files=arguments.effects)
-    else:
-        model = Model.load(path, extra_files=arguments.effects)
-    if campaign.dof is not None and campaign.dof != model.dof:
-        model = model.with_changes(dof=campaign.dof)
-    return campaign, model
+    return campaign, campaign.load_model(arguments.model, arguments.effects)
 
 
 @contextlib.contextmanager

@@ -117,13 +117,23 @@ class Model:
         return cls.create()
 
     @classmethod
-    def load(cls, path: str | Path, extra_files: Iterable[str | Path] = ()) -> Model:
+    def load(cls, path: str | Path, extra_files: Iterable[str | Path] = (), trusted: bool = True) -> Model:
         """Read a ROS 2 parameter file, or a plain mapping of the same names.
 
-        ``extra_files`` are effect files besides those the file names; the `sim` node's own parameters are passed over.
-        Raises `InputError` naming the file and the parameter.
+        ``extra_files`` are effect files besides those the file names, which are Python code: one that is not
+        ``trusted`` may name no others. The `sim` node's own parameters are passed over. Raises `InputError` naming the
+        file and the parameter.
         """
-        return cls.from_mapping(read_parameter_file(path), str(path), extra_files, Path(path).parent)
+        values, folder = read_parameter_file(path), Path(path).parent
+        if not trusted:
+            named = [_beside(folder, f) for f in _text_list(values.pop("effect_files", []), "effect_files", f"{path}: ")]
+            given = {os.path.realpath(f) for f in extra_files}
+            if others := [f for f in named if os.path.realpath(f) not in given]:
+                raise InputError(
+                    f"{path}: names the effect file {others[0]}, which is Python code and is run only when you name it: "
+                    f"--effects {others[0]}"
+                )
+        return cls.from_mapping(values, str(path), extra_files, folder)
 
     @classmethod
     def from_mapping(
@@ -139,7 +149,7 @@ class Model:
         dof, drive = values.pop("dof", 4), values.pop("drive", "averaged")
         names = _text_list(values.pop("effects", []), "effects", place)
         files = [
-            os.path.join(folder, os.path.expanduser(f)) if folder else f
+            _beside(folder, f) if folder else f
             for f in _text_list(values.pop("effect_files", []), "effect_files", place)
         ] + [str(f) for f in extra_files]
         base: dict[str, object] = {}
@@ -410,6 +420,11 @@ def _arrays_wrench(g: Mapping[str, float], kind: str) -> np.ndarray:
 
 def _announce(message: str) -> None:
     print(message, file=sys.stderr, flush=True)
+
+
+def _beside(folder: Path, file: str) -> str:
+    """A file that a YAML names, seen from the YAML's folder."""
+    return os.path.join(folder, os.path.expanduser(file))
 
 
 def _text_list(value: object, name: str, place: str) -> list[str]:

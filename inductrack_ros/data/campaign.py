@@ -13,6 +13,7 @@ from typing import Any
 
 from .. import frames
 from ..core.errors import InputError, did_you_mean
+from ..core.model import Model
 from ..core.state import CHANNELS, MOVING, STATES
 from ..core.yaml_files import Lines, read_yaml
 from .bags import TYPES, read_bag
@@ -49,6 +50,19 @@ class Campaign:
     def channels(self) -> tuple[str, ...]:
         """Every channel that any run has, in canonical order."""
         return tuple(c for c in CHANNELS if any(c in run.channels for run in self.runs))
+
+    def load_model(self, file: str | Path | None = None, effect_files: Iterable[str | Path] = ()) -> Model:
+        """The model the campaign is held against: that of ``file``, else the campaign's own, else the package's default.
+
+        A campaign is data: its own model may name no effect files that are not among ``effect_files``.
+        """
+        if file is not None:
+            model = Model.load(file, effect_files)
+        elif self.model is not None:
+            model = Model.load(self.model, effect_files, trusted=False)
+        else:
+            model = Model.create(effect_files=effect_files)
+        return model if self.dof in (None, model.dof) else model.with_changes(dof=self.dof)
 
 
 def load_campaign(folder: str | Path, gravity: float = frames.GRAVITY) -> Campaign:

@@ -79,6 +79,11 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunDat
     guess = _first_guess(run, model, dof)
     pulses = (np.empty(0),) * 3
     averaged = run.pulses is None and model.drive == "averaged"
+    if run.pulses is None and not averaged and run.drive_current != 0.0:
+        raise InputError(
+            f"{run.file}: driven at {run.drive_current:g} A, but it holds no drive pulses and the model has drive: pulses; "
+            "set drive: averaged in the model, or record fired_pulses"
+        )
     if run.pulses is not None:
         p = ModelPulses(run.pulses.times, run.pulses.coils, run.pulses.currents)
         pulses = tuple(np.ascontiguousarray(a, float) for a in p.arrays(model.parameters["wavelength"]))

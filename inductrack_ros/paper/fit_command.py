@@ -87,10 +87,12 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(f"--output {arguments.output}: that is the campaign's own folder; choose another")
     write_files(arguments.output, {})
 
-    path = arguments.model or (campaign.model if campaign else None)
-    model = Model.load(path, extra_files=arguments.effects) if path else Model.create(effect_files=arguments.effects)
-    if campaign is not None and campaign.dof is not None:
-        model = model.with_changes(dof=campaign.dof)
+    if campaign is not None:
+        model = campaign.load_model(arguments.model, arguments.effects)
+    elif arguments.model:
+        model = Model.load(arguments.model, arguments.effects)
+    else:
+        model = Model.create(effect_files=arguments.effects)
     free = (
         tuple(n.strip() for n in arguments.free.split(","))
         if arguments.free
