@@ -19,6 +19,7 @@ import numpy as np
 
 MAX_CONTACT_SWITCHES = 100_000  # a run that rattles more often than this is not one we can integrate
 TOLERANCE = np.array([1e-8, 1e-8, 1e-8, 1e-7, 1e-5, 1e-5, 1e-5, 1e-4])  # of the third-order result in one step
+SHORTEST_STEP = 1e-7  # s; a motion that needs shorter ones, a grain's under a clamp's stiffness, would never end
 FINEST = 2.0**-10  # steps are not refined further than this: a force that jumps all the time would stop the run
 CREEP = 1e-9  # m/s, the speed at which we ask which way friction pushes
 
@@ -165,6 +166,8 @@ def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest,
             limit = contact_step if in_contact else free_step
             if travel_step < limit * abs(x[4]):
                 limit = travel_step / abs(x[4])
+            if limit < SHORTEST_STEP:
+                x[0] = np.nan
             remaining = target - t
             if not averaged:
                 while first < pt.size and pt[first] + P[PULSE_LENGTH] <= t:
