@@ -21,6 +21,7 @@ setup(
         (f"share/{NAME}/launch", glob("launch/*.launch.py")),
         (f"share/{NAME}/config", glob("config/*")),
         (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
+        (f"share/{NAME}/layouts", glob("layouts/*")),
     ],
     python_requires=">=3.10",
     install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "rosbags>=0.11", "plotly", "threadpoolctl"],
@@ -47,6 +48,8 @@ setup(
             f"sim = {NAME}.nodes.start:sim",
             f"track_controller = {NAME}.nodes.start:track_controller",
             f"record = {NAME}.nodes.start:record",
+            f"monitor = {NAME}.nodes.start:monitor",
+            f"play = {NAME}.nodes.start:play",
         ],
     },
 )

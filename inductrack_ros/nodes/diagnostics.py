@@ -13,21 +13,25 @@ PERIOD = 1.0  # s
 class Diagnostics:
     """Publishes counters; the level is WARN while one that is a fault has grown since the last time."""
 
-    def __init__(self, node: Node, name: str) -> None:
+    def __init__(self, node: Node, name: str, hardware: str = "simulator") -> None:
         self._node = node
-        self._name = name
+        self._name, self._hardware = name, hardware
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._last: dict[str, int] = {}
 
-    def publish(self, faults: Mapping[str, int], facts: Mapping[str, object]) -> None:
-        """`faults` are counts since the start that should stay 0; `facts` are anything else worth knowing."""
+    def publish(
+        self, faults: Mapping[str, int], facts: Mapping[str, object], verdict: tuple[bool, str] = (True, "")
+    ) -> None:
+        """`faults` are counts since the start that should stay 0; `facts` are anything else worth knowing; `verdict`
+        is whether all is well otherwise, and the words that say so.
+        """
         grown = [name for name, count in faults.items() if count > self._last.get(name, 0)]
         self._last = dict(faults)
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if grown else DiagnosticStatus.OK,
+            level=DiagnosticStatus.OK if verdict[0] and not grown else DiagnosticStatus.WARN,
             name=f"{self._node.get_fully_qualified_name()}: {self._name}",
-            message=", ".join(grown) or "running",
-            hardware_id="simulator",
+            message=", ".join(filter(None, [verdict[1], *grown])) or "running",
+            hardware_id=self._hardware,
             values=[KeyValue(key=k, value=str(v)) for k, v in {**faults, **facts}.items()],
         )
         array = DiagnosticArray(status=[status])

@@ -8,13 +8,13 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import rclpy
 from rclpy.qos import ReliabilityPolicy
 
 from ..core.parameters import PARAMETERS, Parameter
-from . import record, sensors
+from . import monitor, play, record, sensors
 from .domain import claim_domain
 from .parameters import MODEL_OPTIONS, Option
 from .sim import LIVE as SIM_LIVE
@@ -32,16 +32,21 @@ MEANINGS = {
     "wrench/*": "`lift`, `slip`, `drag`, `thrust`, `contact`, `weight`, `total` and each active effect of the cradle; "
     "`track`; N, N·m; `details_rate`",
     "forces": "the wrenches' forces as arrows in `track`, 2 mm to a newton; `details_rate`",
+    "scene": "track, cradle and gaps as markers in `track`; `details_rate`",
     "measured/pose": "what a rig would measure; `track`; m; `measured.pose.rate`",
     "measured/twist": "likewise; `track`; m/s, rad/s",
     "measured/imu": "likewise, specific force in `cradle`; m/s²; orientation and turn rate not measured",
     "measured/gap_*": "likewise; m",
     "fired_pulses": "what was fired, as on `drive_pulses`",
     "drive_pulses": "stamp: begin of the half sine; `point.x`: coil; `point.y`: A, with sign",
+    "residual/pose": "measured minus the model's run through the window, at the stamps measured; not in contact",
+    "residual/twist": "likewise",
+    "missing_force": "the constant force that the model lacks in a window, stamped in its middle; `track`; N, N·m; not in contact",
+    "missing_force_sigma": "its standard deviation",
     "lockstep/done": "[stamp of the pose answered (ns), pulses sent]; with `lockstep`",
     "/clock": "simulated time; with `publish_clock`",
     "/tf": "`track` → `cradle`; `details_rate`; on a distribution only (no wheel of `tf2_msgs`)",
-    "/diagnostics": "once a second: deadline misses, late and refused pulses, contacts; misfits of photodiodes",
+    "/diagnostics": "once a second: deadline misses, late and refused pulses, contacts; misfits of photodiodes; the monitor's verdict",
 }
 SERVICES = {
     "pause": "`data: true` holds simulated time, `false` goes on",
@@ -72,7 +77,9 @@ def text() -> str:
             + ", ".join(f"`{n}`" for n in shared)
             + " are declared as above, `drive_current` with *\n\n"
             + _parameters({n: p for n, p in DECLARED.items() if n not in PARAMETERS}, CONTROLLER_LIVE),
-            "**Options of `record`**, which has no parameters\n\n" + _options(),
+            "**Parameters of `monitor`**; the model's are declared as above, all *\n\n" + _monitor(),
+            "**Options of `record`**, which has no parameters\n\n" + _options(record.parse),
+            "**Options of `play`**, which has no parameters either\n\n" + _options(play.parse),
         ]
     )
 
@@ -116,6 +123,7 @@ def _topics() -> str:
         ("sim", SimNode, ("lockstep:=true", "publish_clock:=true")),
         ("track_controller", TrackController, ("lockstep:=true",)),
         ("track_controller", TrackController, ()),
+        ("monitor", monitor.MonitorNode, ()),
     ):
         for topic, kind, way, qos in _ask(make, *parameters)[0]:
             ends = found.setdefault(topic, (kind, {}))[1]
@@ -177,17 +185,23 @@ def _sensors() -> str:
     return "\n".join([_HEAD, *rows])
 
 
-def _options() -> str:
-    """From `record -h`, whose layout depends on the version of Python and is therefore not kept."""
+def _monitor() -> str:
+    own = {n: p for n, p in monitor.OWN.items() if n not in sensors.declared()}
+    noise = "| `measured.CHANNEL.noise` | as `sim`'s | | standard deviation of the noise; a larger one found is used, a smaller one is not |"
+    return _parameters(own, set()) + "\n" + noise
+
+
+def _options(parse: Callable[[list[str]], object]) -> str:
+    """From `record -h` and `play -h`, whose layout depends on the version of Python and is therefore not kept."""
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        record.parse(["-h"])
+        parse(["-h"])
     rows = []
     for entry in re.split(r"\n  (?=\S)", said.getvalue().partition("positional arguments:")[2])[1:]:
         name, _, meaning = re.sub(r"\n\n.*|\n\w+:\s*$", "", entry, flags=re.DOTALL).partition("  ")
         if "\n" in name:
             name, _, meaning = entry.partition("\n")
-        name = re.sub(r"^(-\w) \S+, ", r"\1, ", name.strip())  # Python before 3.13 says the value twice
+        name = re.sub(r"^(-\w) .*?, (?=--)", r"\1, ", name.strip())  # Python before 3.13 says the value twice
         if "--help" not in name:
             rows.append(f"| `{name}` | {' '.join(meaning.split()).replace('<', chr(92) + '<')} |")
     return "\n".join(["| option | |", "|---|---|", *rows])

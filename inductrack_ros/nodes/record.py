@@ -23,7 +23,7 @@ from .runtime import NAMESPACE, every, run
 QUEUE_DEPTH = 20000  # messages a topic may bring while one second is being written
 FLUSH_PERIOD = 0.5  # s; what `kill -9` can cost, with the second of grace the promise gives
 LOOK_PERIOD = 0.2  # s between looks for new topics
-NOT_WANTED = ("lockstep/", "forces")  # unless asked for: bookkeeping, and the wrenches once more as arrows
+NOT_WANTED = ("lockstep/", "forces", "scene")  # unless asked for: bookkeeping, and what is there once more as markers
 
 
 class Recorder(Node):

@@ -150,7 +150,7 @@ class SimNode(Node):
         self.contacts += touching and not self._in_contact
         self._in_contact = touching
         if simulation.ticks % self._details_period == 0:
-            self._topics.details(stamp, x, truth, simulation.wrenches())
+            self._topics.details(stamp, x, truth, simulation.wrenches(), self.model.parameters)
 
     # -- lockstep: simulated time waits for the controller -------------------------------------------------------
 

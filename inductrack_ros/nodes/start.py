@@ -49,3 +49,13 @@ def track_controller() -> int:
 def record() -> int:
     """`record`."""
     return _run("record")
+
+
+def monitor() -> int:
+    """`monitor`."""
+    return _run("monitor")
+
+
+def play() -> int:
+    """`play`."""
+    return _run("play")

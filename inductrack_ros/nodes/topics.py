@@ -17,6 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from .. import frames
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
 from .drive import Pulse
+from .scene import scene
 from .sensors import SENSORS
 
 try:
@@ -41,23 +42,25 @@ def nanoseconds_of(stamp: Time) -> int:
     return stamp.sec * 10**9 + stamp.nanosec
 
 
-class _Axes:
-    """Fills the fields of messages."""
+def fill_vector(into: object, values: Iterable[float]) -> None:
+    into.x, into.y, into.z = map(float, values)
 
-    @staticmethod
-    def vector(into: object, values: Iterable[float]) -> None:
-        into.x, into.y, into.z = map(float, values)
 
-    @staticmethod
-    def pose(into: object, coordinates: np.ndarray) -> None:
-        position, orientation = frames.coordinates_to_pose(coordinates)
-        _Axes.vector(into.position, position)
-        into.orientation.x, into.orientation.y, into.orientation.z, into.orientation.w = orientation.tolist()
+def fill_pose(into: object, coordinates: np.ndarray) -> None:
+    """Surge, sway, heave, roll (4,) into a Pose."""
+    position, orientation = frames.coordinates_to_pose(coordinates)
+    fill_vector(into.position, position)
+    into.orientation.x, into.orientation.y, into.orientation.z, into.orientation.w = orientation.tolist()
 
-    @staticmethod
-    def twist(into: object, linear: np.ndarray, angular: np.ndarray) -> None:
-        _Axes.vector(into.linear, linear)
-        _Axes.vector(into.angular, angular)
+
+def fill_twist(into: object, linear: np.ndarray, angular: np.ndarray) -> None:
+    fill_vector(into.linear, linear)
+    fill_vector(into.angular, angular)
+
+
+def fill_wrench(into: object, force: np.ndarray, torque: np.ndarray) -> None:
+    fill_vector(into.force, force)
+    fill_vector(into.torque, torque)
 
 
 class SimulatorTopics:
@@ -84,6 +87,7 @@ class SimulatorTopics:
         parts = ("lift", "slip", "drag", "thrust", "contact", "weight", *effects, "total")
         self._wrenches = {part: publisher(WrenchStamped, f"wrench/{part}") for part in parts}
         self._forces = publisher(MarkerArray, "forces")
+        self._scene = publisher(MarkerArray, "scene")
         self._fired = publisher(PointStamped, "fired_pulses")
         kinds = {"pose": PoseStamped, "twist": TwistStamped, "imu": Imu, **dict.fromkeys(GAPS, Range)}
         self._measured = {name: publisher(kinds[name], f"measured/{name}") for name in SENSORS}
@@ -113,13 +117,18 @@ class SimulatorTopics:
         self._twist.publish(self._twist_message(stamp, x[4:8]))
 
     def details(
-        self, stamp: Time, x: np.ndarray, truth: Mapping[str, float], wrenches: Mapping[str, np.ndarray]
+        self,
+        stamp: Time,
+        x: np.ndarray,
+        truth: Mapping[str, float],
+        wrenches: Mapping[str, np.ndarray],
+        parameters: Mapping[str, float],
     ) -> None:
-        """What is wanted less often: odometry, gaps, forces apart, arrows, transform."""
+        """What is wanted less often: odometry, gaps, forces apart, markers, transform; ``parameters`` are the model's."""
         odometry = self._blank(Odometry, stamp)
         odometry.child_frame_id = self._frames[1]
-        _Axes.pose(odometry.pose.pose, x[:4])
-        _Axes.twist(odometry.twist.twist, *frames.rates_to_body_twist(x[4:8], x[3]))
+        fill_pose(odometry.pose.pose, x[:4])
+        fill_twist(odometry.twist.twist, *frames.rates_to_body_twist(x[4:8], x[3]))
         self._odometry.publish(odometry)
         for gap, to in self._gaps.items():
             to.publish(self._gap_message(stamp, gap, truth[gap]))
@@ -127,17 +136,18 @@ class SimulatorTopics:
         for name, publisher in self._wrenches.items():
             if name in parts:
                 message = self._blank(WrenchStamped, stamp)
-                force, torque = frames.force_to_wrench(parts[name])
-                _Axes.vector(message.wrench.force, force)
-                _Axes.vector(message.wrench.torque, torque)
+                fill_wrench(message.wrench, *frames.force_to_wrench(parts[name]))
                 publisher.publish(message)
         if self._forces.get_subscription_count():
             self._forces.publish(self._arrows(stamp, x, parts))
+        if self._scene.get_subscription_count():
+            gaps = [truth[gap] for gap in GAPS]
+            self._scene.publish(MarkerArray(markers=scene(parameters, x[:4], gaps, stamp, self._frames[0])))
         if self._tf:
             transform = self._blank(TransformStamped, stamp)
             transform.child_frame_id = self._frames[1]
             position, orientation = frames.coordinates_to_pose(x[:4])
-            _Axes.vector(transform.transform.translation, position)
+            fill_vector(transform.transform.translation, position)
             rotation = transform.transform.rotation
             rotation.x, rotation.y, rotation.z, rotation.w = orientation.tolist()
             self._tf.publish(TFMessage(transforms=[transform]))
@@ -153,7 +163,7 @@ class SimulatorTopics:
             message = self._blank(Imu, stamp, self._frames[1])
             message.orientation_covariance[0] = message.angular_velocity_covariance[0] = -1.0  # not measured
             specific_force = frames.accelerations_to_specific_force(values, roll, gravity)
-            _Axes.vector(message.linear_acceleration, specific_force)
+            fill_vector(message.linear_acceleration, specific_force)
         else:
             message = self._gap_message(stamp, sensor, reading[sensor])
         self._measured[sensor].publish(message)
@@ -163,12 +173,12 @@ class SimulatorTopics:
 
     def _pose_message(self, stamp: Time, coordinates: np.ndarray) -> PoseStamped:
         message = self._blank(PoseStamped, stamp)
-        _Axes.pose(message.pose, coordinates)
+        fill_pose(message.pose, coordinates)
         return message
 
     def _twist_message(self, stamp: Time, rates: np.ndarray) -> TwistStamped:
         message = self._blank(TwistStamped, stamp)
-        _Axes.twist(message.twist, *frames.rates_to_twist(rates))
+        fill_twist(message.twist, *frames.rates_to_twist(rates))
         return message
 
     def _gap_message(self, stamp: Time, gap: str, value: float) -> Range:

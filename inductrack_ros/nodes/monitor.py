@@ -1,0 +1,176 @@
+"""`monitor`: runs the model beside what is measured and says, live, what force it lacks and where it fails."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from threadpoolctl import threadpool_limits
+
+from .. import frames
+from ..core.errors import InputError
+from ..core.model import Model
+from ..core.options import MODEL_OPTIONS, is_of_the_node
+from ..core.parameters import PARAMETERS, Parameter
+from ..core.state import COORDINATES, RATES, STATES
+from ..monitoring.monitor import Monitor, Window
+from . import sensors
+from .diagnostics import PERIOD, Diagnostics
+from .parameters import Option, declare, effect_parameters, given, plain, refuse_unknown, with_values
+from .runtime import NAMESPACE, every, run
+from .topics import DEPTH, fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
+
+_NOISE = {f"measured.{s}.noise": sensors.declared()[f"measured.{s}.noise"] for s in STATES}
+OWN = {
+    "window": Parameter(0.1, "s", 0.01, 2.0, "length of the windows; a longer one shows smaller forces, later"),
+    "memory": Parameter(60.0, "s", 1.0, 3600.0, "how far back the verdict looks"),
+    "false_alarms": Parameter(0.1, "1/h", 1e-4, 100.0, "false alarms while the model is complete, at most, on average"),
+    "reliability": Option("best_effort", "quality of service asked of what is measured", ("reliable", "best_effort")),
+    **_NOISE,
+}
+LOOK = 0.02  # s between looks for windows that are complete
+
+
+class MonitorNode(Node):
+    """Message → samples; windows → residuals, wrenches, a verdict."""
+
+    def __init__(self) -> None:
+        super().__init__("monitor", namespace=NAMESPACE, automatically_declare_parameters_from_overrides=True)
+        start = given(self)
+        # A parameter file made for all nodes holds the simulator's own too; those are passed over.
+        ours = {n: v for n, v in start.items() if n not in OWN and not is_of_the_node(n)}
+        refuse_unknown({n: v for n, v in ours.items() if "." not in n}, {**PARAMETERS, **MODEL_OPTIONS, **OWN}, self)
+        model = Model.from_mapping(ours, where="monitor")
+        of_effects = effect_parameters(model)
+        live = {*PARAMETERS, *of_effects}
+        self._options = declare(self, {**PARAMETERS, **MODEL_OPTIONS, **of_effects, **OWN}, live)
+        options = self._options
+        self.monitor = Monitor(
+            model, np.array([max(options[name], 1e-12) for name in _NOISE]),
+            options["window"], options["memory"], options["false_alarms"],
+        )  # fmt: skip
+        model.kernel  # noqa: B018  compiled now, not in the first window
+
+        out, asked = QoSProfile(depth=DEPTH), QoSProfile(depth=DEPTH)
+        if options["reliability"] == "best_effort":
+            asked.reliability = ReliabilityPolicy.BEST_EFFORT
+        self._pose = self.create_publisher(PoseStamped, "residual/pose", out)
+        self._twist = self.create_publisher(TwistStamped, "residual/twist", out)
+        self._force = self.create_publisher(WrenchStamped, "missing_force", out)
+        self._sigma = self.create_publisher(WrenchStamped, "missing_force_sigma", out)
+        self.create_subscription(PoseStamped, "measured/pose", self._take_pose, asked)
+        self.create_subscription(TwistStamped, "measured/twist", self._take_twist, asked)
+        for topic, fired in (("fired_pulses", True), ("drive_pulses", False)):
+            self.create_subscription(PointStamped, topic, lambda m, fired=fired: self._take_pulse(m, fired), asked)
+        self.add_on_set_parameters_callback(self._change_parameters)
+        self._frame = ""
+        self._diagnostics = Diagnostics(self, "model", "rig")
+        self._said = ""
+        self._last: Window | None = None
+        every(self, LOOK, self._look)
+        every(self, PERIOD, self._diagnose)
+        self.get_logger().info(
+            f"{model.dof} degrees of freedom, drive: {model.drive}, effects: {', '.join(model.effects) or 'none'}; "
+            f"windows of {options['window']:g} s"
+        )
+
+    # -- what comes in --------------------------------------------------------------------------------------------
+
+    def _take_pose(self, message: PoseStamped) -> None:
+        p, q = message.pose.position, message.pose.orientation
+        self._frame = message.header.frame_id
+        coordinates = frames.pose_to_coordinates((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+        self.monitor.pose(nanoseconds_of(message.header.stamp), coordinates)
+
+    def _take_twist(self, message: TwistStamped) -> None:
+        linear, angular = message.twist.linear, message.twist.angular
+        rates = np.array([linear.x, linear.y, linear.z, angular.x])
+        self.monitor.twist(nanoseconds_of(message.header.stamp), rates)
+
+    def _take_pulse(self, message: PointStamped, fired: bool) -> None:
+        if self.monitor.model.drive != "pulses":
+            self.get_logger().warning(
+                "drive pulses come, but the model has drive: averaged; start monitor with -p drive:=pulses", once=True
+            )
+        self.monitor.pulse(nanoseconds_of(message.header.stamp), message.point.x, message.point.y, fired)
+
+    def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
+        try:
+            model = with_values(self.monitor.model, {p.name: plain(p.value) for p in changed})
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.monitor.change(model)
+        return SetParametersResult(successful=True)
+
+    # -- what goes out --------------------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        for window in self.monitor.windows():
+            self._last = window
+            if window.fit is not None and not window.fit.contact:
+                self._publish(window)
+
+    def _publish(self, window: Window) -> None:
+        fit = window.fit
+        # One row of four to a message, as the samples came; what is held (fewer degrees of freedom) has no residual.
+        rows = np.nan_to_num(fit.residual.reshape(-1, 4))
+        columns, stamps = window.samples.column[::4], window.stamps[::4]
+        for column, stamp, row in zip(columns.tolist(), stamps.tolist(), rows, strict=True):
+            if column == STATES.index(COORDINATES[0]):
+                message = PoseStamped()
+                fill_pose(message.pose, row)
+            else:
+                message = TwistStamped()
+                fill_twist(message.twist, *frames.rates_to_twist(row))
+            self._send(self._pose if isinstance(message, PoseStamped) else self._twist, message, stamp)
+        for publisher, values in ((self._force, fit.force), (self._sigma, fit.sigma)):
+            message = WrenchStamped()
+            fill_wrench(message.wrench, *frames.force_to_wrench(np.nan_to_num(values)))
+            self._send(publisher, message, (window.begin + window.end) // 2)
+
+    def _send(self, publisher: object, message: object, stamp: int) -> None:
+        message.header.stamp, message.header.frame_id = stamp_of(stamp), self._frame
+        publisher.publish(message)
+
+    def _diagnose(self) -> None:
+        monitor, counts = self.monitor, self.monitor.counts
+        holds, sentence = monitor.status()
+        if sentence != self._said:
+            self._said = sentence
+            if holds:
+                self.get_logger().info(sentence)
+            else:  # a line of its own: rclpy wants one severity to a line
+                self.get_logger().warning(sentence)
+        facts: dict[str, object] = {"windows": counts.windows, "windows in contact, not judged": counts.contact}
+        facts |= {f"fails in {c}": "; or ".join(where) or "everywhere it was tried" for c, where in monitor.failing.items()}
+        if self._last is not None and self._last.fit is not None:
+            for i, c in enumerate(COORDINATES):
+                unit = "N·m" if c == "roll" else "N"
+                facts[f"missing in {c} ({unit})"] = f"{self._last.fit.force[i]:.3g} ± {self._last.fit.sigma[i]:.2g}"
+        for name, ratio in zip((*COORDINATES, *RATES), monitor.noise_found, strict=True):
+            if np.isfinite(ratio):
+                facts[f"noise of {name}, times measured.{name}.noise"] = f"{ratio:.2f}"
+        self._diagnostics.publish(
+            {
+                "messages with NaN or absurd numbers": counts.not_numbers,
+                "messages out of order": counts.out_of_order,
+                "windows that could not be judged": counts.unfit,
+                "runs begun anew": counts.restarts,
+            },
+            facts,
+            (holds, sentence),
+        )
+
+
+def main(args: list[str] | None = None) -> int:
+    with threadpool_limits(1):  # the matrices are small; threads would only spin
+        return run(MonitorNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

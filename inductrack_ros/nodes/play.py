@@ -1,0 +1,130 @@
+"""`play`: what `ros2 bag play` does, for machines without a ROS 2 distribution."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosReliability
+
+from ..core.errors import InputError
+from .record import message_class
+from .runtime import every, run
+from .topics import DEPTH
+
+LOOK = 1e-3  # s between looks whether a message is due
+AT_ONCE = 500  # messages published between looks at Ctrl-C
+
+
+class Player(Node):
+    """Publishes a bag's bytes as they were recorded, in the rhythm of the recording."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        super().__init__("play")
+        self._options = options
+        self.finished = False
+        try:
+            self._reader = AnyReader([Path(options.bag)])
+            self._reader.open()
+            self._publishers_by_topic = self._advertise()
+            self._messages = self._recorded()
+            self._next = next(self._messages, None)
+        except InputError:
+            raise
+        except Exception as error:  # a damaged file can fail anywhere in the reader, with any exception of its own
+            reason = " ".join(str(error).split())[:200]
+            raise InputError(f"{options.bag}: cannot be read as a rosbag2 ({reason})") from None
+        if self._next is None:
+            raise InputError(f"{options.bag}: no messages on the topics asked for")
+        self._zero, self._begin = self._next[0], None
+        self.sent = 0
+        self._announce = time.monotonic() + 1.0
+        every(self, LOOK, self._look)
+
+    def _advertise(self) -> dict[str, object]:
+        publishers = {}
+        held = sorted({c.topic for c in self._reader.connections})
+        for topic in self._options.topics or ():
+            if topic not in held:
+                raise InputError(f"{self._options.bag}: no topic {topic}; it has {', '.join(held) or 'none'}")
+        for connection in self._reader.connections:
+            topic = connection.topic
+            if topic in publishers or (self._options.topics and topic not in self._options.topics):
+                continue
+            offered = [q.reliability for q in connection.ext.offered_qos_profiles]
+            lossy = bool(offered) and all(q == QosReliability.BEST_EFFORT for q in offered)
+            reliability = ReliabilityPolicy.BEST_EFFORT if lossy else ReliabilityPolicy.RELIABLE
+            try:
+                kind = message_class(connection.msgtype)
+            except (ImportError, AttributeError, ValueError):
+                self.get_logger().warning(f"{topic} is not played: {connection.msgtype} is not installed")
+                continue
+            publishers[topic] = self.create_publisher(kind, topic, QoSProfile(depth=DEPTH, reliability=reliability))
+        return publishers
+
+    def _recorded(self) -> Iterator[tuple[int, str, bytes]]:
+        """Time (ns), topic and bytes of each message, in order."""
+        wanted = [c for c in self._reader.connections if c.topic in self._publishers_by_topic]
+        return ((stamp, c.topic, data) for c, stamp, data in (self._reader.messages(wanted) if wanted else ()))
+
+    def _look(self) -> None:
+        if self._begin is None:
+            self._wait_for_a_listener()
+            return
+        due = self._zero + (time.monotonic() - self._begin) * self._options.rate * 1e9
+        for _ in range(AT_ONCE):
+            if self._next is None:
+                self.finished = all(p.wait_for_all_acked() for p in self._publishers_by_topic.values())
+                return
+            if self._next[0] > due:
+                return
+            _, topic, data = self._next
+            self._publishers_by_topic[topic].publish(bytes(data))
+            self.sent += 1
+            self._next = next(self._messages, None)
+
+    def _wait_for_a_listener(self) -> None:
+        heard = any(p.get_subscription_count() for p in self._publishers_by_topic.values())
+        if heard or self._options.at_once:
+            self._begin = time.monotonic() + self._options.delay
+            self.get_logger().info(f"playing {self._options.bag} at {self._options.rate:g} times its speed; Ctrl-C ends it")
+        elif time.monotonic() > self._announce:
+            self._announce = float("inf")
+            self.get_logger().info("nobody listens to any of its topics yet; waiting (--at-once does not wait)")
+
+    def close(self) -> None:
+        self._reader.close()
+        print(f"{self.sent} messages played")
+
+
+def parse(args: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="play", description=__doc__)
+    parser.add_argument("bag", help="folder of the bag")
+    parser.add_argument("-r", "--rate", type=_positive, default=1.0, help="recorded seconds to a second")
+    parser.add_argument("-d", "--delay", type=float, default=0.5, help="seconds between the first listener and the first message")
+    parser.add_argument("-t", "--topics", nargs="+", help="full names of the topics to play; default: all")
+    parser.add_argument("--at-once", action="store_true", help="do not wait for somebody who listens")
+    return parser.parse_args(args)
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError("must be above 0")
+    return value
+
+
+def main(args: list[str] | None = None) -> int:
+    options = parse(remove_ros_args(args if args is not None else sys.argv)[1:])
+    return run(lambda: Player(options), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
