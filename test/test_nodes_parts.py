@@ -68,8 +68,8 @@ def test_a_late_pulse_is_counted_and_not_fired():
 @given(st.lists(st.floats(0.0, 0.99), max_size=30))
 def test_pulses_commanded_in_any_order_fire_once_each_in_order(times):
     q = queue()
-    for t in times:
-        q.offer(0.0, t, 1, 100.0)
+    for coil, t in enumerate(times):
+        assert q.offer(0.0, t, coil, 100.0) == ""
     fired = [p.time for k in range(10) for p in q.step(k / 10, (k + 1) / 10)[1]]
     assert fired == sorted(times)
 

@@ -54,6 +54,9 @@ SIM: dict[str, Parameter | Option] = {
     "speed_factor": Parameter(1.0, "", 1e-3, 1e3, "simulated seconds to a real second"),
     "lockstep": Option(False, "wait at each tick for a controller's answer on lockstep/done"),
     "lockstep_timeout": Parameter(5.0, "s", 0.1, 3600.0, "say so when no answer came for so long"),
+    "command_timeout": Parameter(
+        1.0, "s", 0.01, 3600.0, "simulated time without a drive pulse after which the controller counts as lost"
+    ),
     "paused": Option(False, "start standing still, until the pause service says otherwise"),
     "publish_clock": Option(False, "publish /clock; simulated time then begins at 0, else at the time of the start"),
     "initial_state": Option("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),

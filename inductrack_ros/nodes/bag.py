@@ -133,7 +133,7 @@ class SegmentedBag:
         self._write_metadata()
 
     def close(self) -> None:
-        """Flush, and join the files of a bag of up to `JOINED` messages."""
+        """Flush, and join the files of a bag of up to `JOINED` messages. Raises `OSError`; what was flushed stays."""
         self.flush()
         if len(self._files) < 2 or self.message_count > JOINED:
             return
@@ -150,16 +150,18 @@ class SegmentedBag:
         """One complete MCAP file, which appears whole."""
         aside = self.path / ".part"
         connections = {}
-        with Writer(aside, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
-            for topic, time_ns, data in messages:
-                if topic not in connections:
-                    t = self._topics[topic]
-                    connections[topic] = writer.add_connection(
-                        topic, t.type, msgdef=t.definition, rihs01=t.hash, offered_qos_profiles=[t.qos]
-                    )
-                writer.write(connections[topic], time_ns, data)
-        (aside / ".part.mcap").rename(self.path / name)
-        shutil.rmtree(aside)
+        try:
+            with Writer(aside, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
+                for topic, time_ns, data in messages:
+                    if topic not in connections:
+                        t = self._topics[topic]
+                        connections[topic] = writer.add_connection(
+                            topic, t.type, msgdef=t.definition, rihs01=t.hash, offered_qos_profiles=[t.qos]
+                        )
+                    writer.write(connections[topic], time_ns, data)
+            (aside / ".part.mcap").rename(self.path / name)
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
 
     def _write_metadata(self) -> None:
         start = min((first for _, first, _, _ in self._files), default=0)
@@ -180,5 +182,8 @@ class SegmentedBag:
             paths="".join(f"\n    - {n}" for n, *_ in self._files) or " []", topics=topics or " []", files=files or " []",
         )  # fmt: skip
         new = self.path / "metadata.yaml.new"
-        new.write_text(text, encoding="utf8")
-        new.replace(self.path / "metadata.yaml")
+        try:
+            new.write_text(text, encoding="utf8")
+            new.replace(self.path / "metadata.yaml")
+        finally:
+            new.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""A ROS domain of one's own, so that tests and the demo neither hear nor disturb another ROS system on the machine."""
+"""Who hears whom: nodes stay on their machine unless asked, tests and the demo in a ROS domain of their own as well."""
 
 from __future__ import annotations
 
@@ -9,6 +9,27 @@ from pathlib import Path
 from typing import IO
 
 FIRST, LAST = 40, 99  # clear of 0, which everybody uses, and of ports that Linux hands out by itself
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+#: Any of these says how far discovery is to reach; then nothing is changed.
+ASKED = (
+    RANGE, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT",
+    "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE", "CYCLONEDDS_URI",
+    "ZENOH_SESSION_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE",
+)  # fmt: skip
+
+
+def stay_local() -> None:
+    """Keep discovery on this machine unless the environment says how far it is to reach."""
+    if not any(os.environ.get(name) for name in ASKED):
+        os.environ[RANGE] = "LOCALHOST"
+
+
+def reach() -> str:
+    """How far discovery reaches, for the log."""
+    if os.environ.get(RANGE) == "LOCALHOST":
+        return f"ROS stays on this machine; for other machines start it with {RANGE}=SUBNET"
+    return "ROS discovery follows the environment: " + ", ".join(f"{n}={os.environ[n]}" for n in ASKED if n in os.environ)
 
 
 def claim_domain() -> IO[str]:
@@ -25,6 +46,6 @@ def claim_domain() -> IO[str]:
             lock.close()
             continue
         os.environ["ROS_DOMAIN_ID"] = str(number)
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        os.environ[RANGE] = "LOCALHOST"
         return lock
     raise RuntimeError(f"all ROS domains from {FIRST} to {LAST} are in use on this machine")

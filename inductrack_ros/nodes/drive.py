@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from ..core.model import Pulses
 
 HORIZON = 1.0  # s; a stamp further off than this, before or after, is a mistake and no command
+MOST_WAITING = 1000  # a second's worth at 50 m/s and the paper's coils; more at once is a flood
 
 
 @dataclass(frozen=True, order=True)
@@ -32,10 +34,12 @@ class PulseQueue:
         self.pulse_length = pulse_length
         self._waiting: list[Pulse] = []
         self._burning: deque[Pulse] = deque()
-        self.fired = self.late = self.refused = 0
+        self._heard: float | None = None
+        self.fired = self.late = self.refused = self.silences = 0
 
     def offer(self, now: float, time: float, coil: float, current: float) -> str:
         """Accept a command given while the clock stands at `now`; returns "" or why it is not applied."""
+        self.heard(now)
         wrong = self._wrong(now, time, coil, current)
         if wrong:
             self.refused += 1
@@ -43,9 +47,21 @@ class PulseQueue:
         if time < now:
             self.late += 1
             return f"late by {1e3 * (now - time):.3f} ms, not fired; send it further ahead"
-        self._waiting.append(Pulse(time, int(coil), current))
-        self._waiting.sort()
+        insort(self._waiting, Pulse(time, int(coil), current))
         return ""
+
+    def heard(self, now: float) -> None:
+        """The controller lives: it spoke at `now`."""
+        self._heard = now
+
+    def falls_silent(self, now: float, timeout: float) -> bool:
+        """Whether the controller, heard before, has just been silent for `timeout` s. What it left behind is not fired."""
+        if self._heard is None or now - self._heard <= timeout:
+            return False
+        self._heard = None
+        self.silences += 1
+        self._waiting.clear()
+        return True
 
     def _wrong(self, now: float, time: float, coil: float, current: float) -> str:
         if not all(map(math.isfinite, (time, coil, current))):
@@ -57,7 +73,18 @@ class PulseQueue:
         if abs(time - now) > HORIZON:
             side = "before" if time < now else "after"
             return f"its stamp is {abs(time - now):.3g} s {side} the simulated time; stamp on the clock of the poses"
+        if self._in_use(int(coil), time):
+            return f"coil {coil:g} has a pulse at that time already; are there two controllers?"
+        if len(self._waiting) >= MOST_WAITING:
+            return f"{MOST_WAITING} pulses are waiting already; command each once, shortly before its time"
         return ""
+
+    def _in_use(self, coil: int, time: float) -> bool:
+        """Whether a pulse burns in the coil less than its length before or after `time`."""
+        first = bisect_left(self._waiting, time - self.pulse_length, key=lambda p: p.time)
+        last = bisect_left(self._waiting, time + self.pulse_length, key=lambda p: p.time)
+        near = [*self._waiting[first:last], *self._burning]
+        return any(p.coil == coil and abs(p.time - time) < self.pulse_length for p in near)
 
     def step(self, start: float, end: float) -> tuple[Pulses | None, list[Pulse]]:
         """All pulses that burn between `start` and `end`, for the model, and those of them that begin there."""
@@ -75,6 +102,7 @@ class PulseQueue:
 
     def clear(self) -> None:
         """Forget all commands (a reset); the counts stay."""
+        self._heard = None
         self._waiting.clear()
         self._burning.clear()
 

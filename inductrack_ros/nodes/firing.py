@@ -14,6 +14,8 @@ import numpy as np
 from .detectors import Edge
 from .drive import Pulse
 
+MOST_AT_ONCE = 1000  # coils to command in one go; positions that no cradle has could ask for millions
+
 
 class Motion:
     """Position and speed from photodiode edges; an edge that does not fit the motion is left out."""
@@ -125,9 +127,9 @@ class FiringPlan:
             self._next_coil = ahead
         coil = max(self._next_coil, ahead, 0)
         commands = []
-        while True:
+        for _ in range(MOST_AT_ONCE):
             begin = self.motion.passage(coil * self._spacing) - self._half_pulse
-            if begin > now + self._lead:
+            if not begin <= now + self._lead:
                 break
             current = amplitude.current(begin, self.motion.speed) if isinstance(amplitude, SpeedHold) else amplitude
             if begin > now and current != 0.0:

@@ -96,8 +96,8 @@ class Recorder(Node):
         try:
             self._bag.flush()
         except OSError as error:  # the disk is full, the folder gone; what was flushed before can be read
-            self.get_logger().error(f"{self._bag.path}: cannot be written: {error.strerror}; recording ends")
-            self.finished, self.exit_status = True, 1
+            self._fail(f"cannot be written: {error.strerror}; recording ends, what is in it can be read")
+            self.finished = True
             return
         if self._options.duration is None or not self._bag.message_count:
             return
@@ -106,16 +106,19 @@ class Recorder(Node):
         self.finished = time.monotonic() >= self._end
 
     def close(self) -> None:
-        if self.exit_status:
-            return
-        for topic in self._subscriptions_by_topic:
-            self._take_waiting(topic)
-        try:
-            self._bag.close()
-        except OSError as error:
-            print(f"{self._bag.path}: not all was written: {error.strerror}", file=sys.stderr)
+        if not self.exit_status:
+            for topic in self._subscriptions_by_topic:
+                self._take_waiting(topic)
+            try:
+                self._bag.close()
+            except OSError as error:
+                self._fail(f"not all was written: {error.strerror}; what is in it can be read")
         topics = len(self._subscriptions_by_topic)
-        print(f"{self._bag.message_count} messages on {topics} topics in {self._bag.path}")
+        self.get_logger().info(f"{self._bag.message_count} messages on {topics} topics in {self._bag.path}")
+
+    def _fail(self, words: str) -> None:
+        self.exit_status = 1
+        self.get_logger().error(f"{self._bag.path}: {words}")
 
 
 def stamp_ns(data: bytes) -> int:

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ..core.errors import InputError
+from .domain import reach
 from .start import STOP
 
 NAMESPACE = "inductrack"  # of every node, unless `--ros-args -r __ns:=/other` says otherwise
@@ -34,11 +35,11 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+        node.get_logger().info(reach())
         STOP.running = True
         while not STOP.asked and not getattr(node, "finished", False):
             executor.spin_once(timeout_sec=0.1)
         executor.remove_node(node)
-        return int(getattr(node, "exit_status", 0))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -49,3 +50,4 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
                 close()
             node.destroy_node()
         rclpy.try_shutdown()
+    return int(getattr(node, "exit_status", 0))

@@ -27,7 +27,7 @@ from .simulation import Simulation, parse_initial_state
 from .topics import DEPTH, SimulatorTopics, channels, nanoseconds_of, stamp_of
 
 OWN = {**SIM, **sensors.declared()}
-LIVE = {"speed_factor", "lockstep_timeout", *PARAMETERS, *sensors.declared()}
+LIVE = {"speed_factor", "lockstep_timeout", "command_timeout", *PARAMETERS, *sensors.declared()}
 LONGEST_BATCH = 0.05  # s of real time spent on ticks before services and commands get their turn
 LONGEST_DEBT = 0.1  # s of real time that the simulation may lag and still catch up
 CATCH_UP = 2  # times the asked speed, at most, while it does: commands must get their turn between ticks
@@ -46,7 +46,8 @@ class SimNode(Node):
         self.model = Model.from_mapping(start, where="sim")
         of_effects = effect_parameters(self.model)
         in_model = {**PARAMETERS, **MODEL_OPTIONS, **of_effects}
-        self._options = declare(self, {**in_model, **OWN}, live={*LIVE, *of_effects})
+        self._declared = {**in_model, **OWN}
+        self._options = declare(self, self._declared, live={*LIVE, *of_effects})
         self._in_model = {*PARAMETERS, *of_effects}
 
         options = self._options
@@ -80,7 +81,7 @@ class SimNode(Node):
         else:
             every(self, 1.0 / options["rate"], self._wake)
         self._diagnostics = Diagnostics(self, "simulation")
-        self._two_simulators = False
+        self._troubles: set[str] = set()  # that have been said
         every(self, PERIOD, self._diagnose)
         self._say_what_runs()
         self.finished = False
@@ -89,6 +90,7 @@ class SimNode(Node):
 
     def _restart_time(self) -> None:
         """Simulated time begins anew (start, reset)."""
+        self._out_of_bounds = False
         self._zero = time.time_ns() if self._epoch is None else self._epoch
         self._published = False  # the initial state, to begin with
         self._resume()
@@ -127,8 +129,13 @@ class SimNode(Node):
             begun = self.simulation.tick()
         except InputError as error:
             self.get_logger().error(str(error))
-            self.paused = True
+            self.paused = self._out_of_bounds = True
             return False
+        timeout = self._options["command_timeout"]
+        if self.model.drive == "pulses" and self.queue.falls_silent(self.simulation.time, timeout):
+            self.get_logger().warning(
+                f"no drive pulse for {timeout:g} s (command_timeout): no thrust; is the controller running?"
+            )
         for pulse in begun:
             self._topics.fired(stamp_of(self._zero + round(pulse.time * 1e9)), pulse)
         self._publish()
@@ -168,6 +175,9 @@ class SimNode(Node):
         if time.monotonic() - self._answered_at > self._options["lockstep_timeout"]:
             self._answered_at = time.monotonic()
             missing = f"no answer on lockstep/done to the pose at {self.simulation.time:.3f} s"
+            if self._published and not self._missed:
+                self._missed = True
+                self.queue.silences += 1  # what it commanded before stays: simulated time stands still, so nothing fires
             if self._answer is not None:
                 missing = f"the answer speaks of {self._answer} pulses, {self._pulses_since_tick} came"
             self.get_logger().warning(
@@ -181,6 +191,7 @@ class SimNode(Node):
 
     def _expect_answer(self) -> None:
         self._pulses_since_tick = 0
+        self._missed = False
         self._answer: int | None = None  # pulses the controller says it sent
         self._asked_at = self._answered_at = time.monotonic()
 
@@ -190,6 +201,7 @@ class SimNode(Node):
             self._refuse("lockstep/done must hold [stamp of the pose (ns), pulses sent in answer to it]")
         elif message.data[0] == self._stamp_ns():
             self._answer = int(message.data[1])
+            self.queue.heard(self.simulation.time)
             self._go_on()
 
     def _go_on(self) -> None:
@@ -232,7 +244,11 @@ class SimNode(Node):
         return response
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.simulation.reset()
+        try:
+            self.simulation.reset()
+        except InputError as error:
+            response.success, response.message = False, str(error)
+            return response
         self.sensors.restart()
         self._restart_time()
         response.success, response.message = True, "at the initial state, 0 s"
@@ -241,11 +257,13 @@ class SimNode(Node):
     def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
         values = {p.name: plain(p.value) for p in changed}
         try:
+            for name in values.keys() & self._declared.keys():  # rclpy's own check of a range lets NaN pass
+                self._declared[name].check(name, values[name])
             model = with_values(self.model, {n: v for n, v in values.items() if n in self._in_model})
+            self.simulation.change(model)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self.model = self.sensors.model = model
-        self.simulation.change(model)
         self._options.update(values)
         self.sensors.values.update({n: v for n, v in values.items() if n.startswith("measured.")})
         if "speed_factor" in values:
@@ -266,12 +284,13 @@ class SimNode(Node):
         )
 
     def _diagnose(self) -> None:
-        queue = self.queue
+        queue, troubles = self.queue, self._look_for_troubles()
         self._diagnostics.publish(
             {
                 "deadline misses": self.deadline_misses,
                 "late pulses": queue.late,
                 "refused pulses": queue.refused,
+                "lost controllers": queue.silences,
                 "contacts": self.contacts,
             },
             {
@@ -280,13 +299,30 @@ class SimNode(Node):
                 "in contact": self._in_contact,
                 "paused": self.paused,
             },
+            (not troubles, ", ".join(troubles)),
         )
-        if not self._two_simulators and self.count_publishers("pose") > 1:
-            self._two_simulators = True
-            self.get_logger().warning(
+        for name, sentence in troubles.items():
+            if sentence and name not in self._troubles:
+                self.get_logger().warning(sentence)
+        self._troubles = set(troubles)
+
+    def _look_for_troubles(self) -> dict[str, str]:
+        """What is wrong now, in short and in a sentence that says what to do (none: it was said when it happened)."""
+        troubles = {}
+        if self._out_of_bounds:
+            troubles["out of bounds"] = ""
+        if self.count_publishers("pose") > 1:
+            troubles["another simulator"] = (
                 "another node publishes pose in this namespace: two simulators on one domain? "
                 "Give one of them its own ROS_DOMAIN_ID, or a namespace with --ros-args -r __ns:=/other"
             )
+        if self.model.drive == "pulses":
+            controllers = self.count_publishers("drive_pulses")
+            if controllers == 0:
+                troubles["no controller"] = "nobody publishes drive_pulses: no thrust until a controller starts"
+            if controllers > 1:
+                troubles["another controller"] = f"{controllers} nodes publish drive_pulses; end all but one"
+        return troubles
 
 
 def main(args: list[str] | None = None) -> int:

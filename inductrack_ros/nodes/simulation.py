@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..core.errors import InputError
-from ..core.model import Model
+from ..core.model import Model, Pulses
 from .drive import Pulse, PulseQueue
 
 
@@ -22,10 +22,14 @@ class Simulation:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the initial state at time 0; waiting commands are forgotten."""
-        self.x = self.model.initial_state(**self.initial)
-        self._origin = float(self.x[0])
-        self.ticks = 0
+        """Back to the initial state at time 0; waiting commands are forgotten.
+
+        Raises `InputError`, and changes nothing, where the model has no such state.
+        """
+        x = self.model.initial_state(**self.initial)
+        origin = float(x[0])
+        self._quantities = self._finite(x, 0.0, None, origin)
+        self.x, self._origin, self.ticks = x, origin, 0
         self.queue.clear()
 
     @property
@@ -34,8 +38,9 @@ class Simulation:
         return self.ticks / self.rate
 
     def change(self, model: Model) -> None:
-        """Go on with another model from the present state."""
-        self.model = model
+        """Go on with another model from the present state. Raises `InputError` where it has no finite forces there."""
+        quantities = self._finite(self.x, self.time, self.queue.burning(), self._origin, model)
+        self.model, self._quantities = model, quantities
         self.queue.pulse_length = model.parameters["pulse_length"]
 
     def tick(self) -> list[Pulse]:
@@ -43,15 +48,25 @@ class Simulation:
         start, end = self.time, (self.ticks + 1) / self.rate
         pulses, begun = self.queue.step(start, end)
         x = self.model.advance(self.x, start, end, pulses=pulses, origin=self._origin)
-        if not np.isfinite(x).all():
-            raise InputError(f"the motion left all bounds at {start:.3f} s; look at the parameters, then call reset")
+        self._quantities = self._finite(x, end, pulses, self._origin)
         self.x = x
         self.ticks += 1
         return begun
 
     def quantities(self) -> dict[str, float]:
-        """The model's named quantities (gaps, accelerations, normal forces, …) now."""
-        return self.model.quantities(self.x, self.time, pulses=self.queue.burning(), origin=self._origin)
+        """The model's named quantities (gaps, accelerations, normal forces, …) now; all are finite."""
+        return self._quantities
+
+    def _finite(
+        self, x: np.ndarray, time: float, pulses: Pulses | None, origin: float, model: Model | None = None
+    ) -> dict[str, float]:
+        """The quantities at a state, which nobody gets to see where one of them is not a finite number."""
+        quantities = None
+        if np.isfinite(x).all():
+            quantities = (model or self.model).quantities(x, time, pulses=pulses, origin=origin)
+        if quantities is None or not np.isfinite([*quantities.values()]).all():
+            raise InputError(f"the motion left all bounds at {time:.3f} s; look at the parameters, then call reset")
+        return quantities
 
     def wrenches(self) -> dict[str, np.ndarray]:
         """Forces apart, now; see `Model.wrenches`."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 
 from geometry_msgs.msg import PointStamped, PoseStamped
 from rcl_interfaces.msg import SetParametersResult
@@ -11,11 +13,12 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import UInt64MultiArray
 
+from ..core.errors import InputError
 from ..core.parameters import PARAMETERS, Parameter
 from .detectors import Photodiodes
 from .diagnostics import PERIOD, Diagnostics
 from .firing import FiringPlan, Motion, SpeedHold
-from .parameters import MODEL_OPTIONS, Option, declare, given, refuse_unknown
+from .parameters import MODEL_OPTIONS, Option, declare, given, plain, refuse_unknown
 from .runtime import NAMESPACE, every, run
 from .topics import DEPTH, nanoseconds_of, pulse_message, stamp_of
 
@@ -41,6 +44,9 @@ DECLARED = {
 }
 LIVE = {"drive_current", "target_speed"}
 BACK = 0.1  # m; a pose so far behind the last one means that the simulator was reset
+AHEAD = 1.0, 100.0  # s, m; one so far ahead of it, that the clock jumped or another simulator speaks
+LAST_STAMP = (2**31 - 2) * 10**9  # ns; a message cannot hold a later time
+PATIENCE = 1.0  # s of real time without a pose after which the controller says so
 
 
 class TrackController(Node):
@@ -52,7 +58,8 @@ class TrackController(Node):
         refuse_unknown({n: v for n, v in start.items() if not _of_the_model(n)}, DECLARED, self)
         self._options = declare(self, DECLARED, LIVE)
         self._begin()
-        self._sent = 0
+        self._sent = self._jumps = self._broken = 0
+        self._last_pose: float | None = None  # real time
         options = self._options
         self._pulses = self.create_publisher(PointStamped, "drive_pulses", QoSProfile(depth=DEPTH))
         self._done = None
@@ -94,7 +101,12 @@ class TrackController(Node):
     def _take_pose(self, message: PoseStamped) -> None:
         stamp = nanoseconds_of(message.header.stamp)
         surge = message.pose.position.x
-        if self._zero is not None and (stamp < self._newest or surge < self._surge - BACK):
+        self._last_pose = time.monotonic()
+        if not math.isfinite(surge) or stamp > LAST_STAMP:
+            self._broken += 1
+            return
+        if self._zero is not None and not self._follows(stamp, surge):
+            self._jumps += 1
             self._begin()
         if self._zero is None:
             self._zero = stamp
@@ -111,7 +123,18 @@ class TrackController(Node):
         if self._done:
             self._done.publish(UInt64MultiArray(data=[stamp, len(pulses)]))
 
+    def _follows(self, stamp: int, surge: float) -> bool:
+        """Whether a pose can be the next of this run; after a reset or a jump of the clock the motion is learnt anew."""
+        passed, moved = (stamp - self._newest) / 1e9, surge - self._surge
+        return 0.0 <= passed <= AHEAD[0] and -BACK <= moved <= AHEAD[1]
+
     def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
+        try:
+            for parameter in changed:
+                if parameter.name in DECLARED:  # rclpy's own check of a range lets NaN pass
+                    DECLARED[parameter.name].check(parameter.name, plain(parameter.value))
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
         for parameter in changed:
             self._options[parameter.name] = parameter.value
             if parameter.name == "target_speed":
@@ -119,9 +142,16 @@ class TrackController(Node):
         return SetParametersResult(successful=True)
 
     def _diagnose(self) -> None:
+        silent = None if self._last_pose is None else time.monotonic() - self._last_pose
+        lost = silent is None or silent > PATIENCE
         self._diagnostics.publish(
-            {"photodiode reports that do not fit": self._motion.rejected},
+            {
+                "photodiode reports that do not fit": self._motion.rejected,
+                "poses that jumped": self._jumps,
+                "poses that cannot be": self._broken,
+            },
             {"pulses sent": self._sent, "speed (m/s)": f"{self._motion.speed:.3f}"},
+            (not lost, "waiting for a pose" if silent is None else f"no pose for {silent:.0f} s" if lost else ""),
         )
 
 
