@@ -1,4 +1,4 @@
-"""Simulator and, where asked for, track controller, recorder and RViz.
+"""Simulator and, where asked for, track controller, monitor, recorder and RViz.
 
     ros2 launch inductrack_ros inductrack.launch.py
     ros2 launch inductrack_ros inductrack.launch.py params_file:=model.yaml          # the model of a diagnosis
@@ -26,7 +26,8 @@ ARGUMENTS = {
     "initial_state": ("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),
     "controller": (PythonExpression(["'", LaunchConfiguration("drive"), "' == 'pulses'"]), "start track_controller"),
     "lockstep": ("false", "simulated time waits for the controller"),
-    "rviz": ("false", "start RViz with force arrows"),
+    "monitor": ("false", "start the monitor, which says where the model fails"),
+    "rviz": ("false", "start RViz with track, cradle, gaps and force arrows"),
     "bag": ("", "record all topics of the namespace into this rosbag2; empty: do not"),
 }
 
@@ -51,10 +52,19 @@ def generate_launch_description() -> LaunchDescription:
                 **common,
             ),
             Node(
+                executable="monitor",
+                parameters=[value["params_file"], {"drive": value["drive"]}],
+                condition=IfCondition(value["monitor"]),
+                **common,
+            ),
+            Node(
                 package="rviz2",
                 executable="rviz2",
                 arguments=["-d", PathJoinSubstitution([FindPackageShare("inductrack_ros"), "rviz", "forces.rviz"])],
-                remappings=[("forces", PythonExpression(["'/", value["namespace"], "/forces'"]))],
+                remappings=[
+                    (f"/inductrack/{topic}", PythonExpression(["'/", value["namespace"], f"/{topic}'"]))
+                    for topic in ("forces", "scene", "odometry", "measured/pose")
+                ],
                 condition=IfCondition(value["rviz"]),
             ),
             ExecuteProcess(

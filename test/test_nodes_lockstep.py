@@ -15,6 +15,7 @@ from inductrack_ros import cli, demo
 from inductrack_ros.core.model import Model, Pulses
 from inductrack_ros.core.state import STATES
 from inductrack_ros.data.bags import read_bag
+from inductrack_ros.nodes import record
 from inductrack_ros.nodes.topics import nanoseconds_of
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "my_controller.py"
@@ -56,7 +57,8 @@ def record_lockstep(ros, bag: Path, until: float) -> dict[str, str]:
     ros.wait(lambda: all(map(publishers, last)) and len(known()) > 25, "simulator and controller")
     recorder = ros.start("record", "-o", str(bag), "--stamp", "header")
     every = [name for name, _ in known() if name.startswith("/inductrack/")]
-    every = [name for name in every if publishers(name) and "lockstep" not in name and "forces" not in name]
+    not_kept = record.NOT_WANTED
+    every = [name for name in every if publishers(name) and not name.removeprefix("/inductrack/").startswith(not_kept)]
     listeners = ros.node.get_subscriptions_info_by_topic
     ros.wait(
         lambda: all("record" in {s.node_name for s in listeners(name)} for name in every), "the recorder to hear all"

@@ -20,9 +20,10 @@ import yaml
 ROOT = Path(__file__).parent.parent
 #: What a build needs; not .venv, not what other builds left.
 SOURCES = (
-    "setup.py", "setup.cfg", "package.xml", "pyproject.toml", "resource", "config", "launch", "rviz", "inductrack_ros",
+    "setup.py", "setup.cfg", "package.xml", "pyproject.toml", "resource", "config", "launch", "rviz", "layouts",
+    "inductrack_ros",
 )  # fmt: skip
-NODES = ("sim", "track_controller", "record", "inductrack")
+NODES = ("sim", "track_controller", "record", "monitor", "play", "inductrack")
 
 
 def run(*command: str, cwd: Path, **environment: str) -> str:
@@ -60,7 +61,7 @@ def test_colcon_build_puts_everything_where_ros_looks(workspace):
     for name in NODES:  # `ros2 run inductrack_ros <name>`
         assert os.access(prefix / "lib/inductrack_ros" / name, os.X_OK), name
     share = prefix / "share/inductrack_ros"
-    for name in ("package.xml", "launch/inductrack.launch.py", "config/default.yaml", "rviz/forces.rviz"):
+    for name in ("package.xml", "launch/inductrack.launch.py", "config/default.yaml", "rviz/forces.rviz", "layouts/foxglove.json"):
         assert (share / name).is_file(), name
     command = str(prefix / "lib/inductrack_ros/inductrack")
     assert "usage: inductrack" in run(command, "-h", cwd=workspace, PYTHONPATH=str(site(prefix)))
@@ -119,19 +120,16 @@ def test_make_uses_a_sourced_distribution_and_brings_ros_otherwise():
     assert "'.[test]'" in sourced and "--system-site-packages" in sourced
 
 
-def test_parameter_file_and_rviz_configuration_name_what_exists():
+def test_the_parameter_file_names_what_exists():
     from inductrack_ros.core.model import Model, read_parameter_file
-    from inductrack_ros.nodes import sim, track_controller
+    from inductrack_ros.nodes import monitor, sim, track_controller
 
     blocks = yaml.safe_load((ROOT / "config/default.yaml").read_text())
-    assert set(blocks) == {"/**/sim", "/**/track_controller"}
+    assert set(blocks) == {"/**/sim", "/**/track_controller", "/**/monitor"}
     assert Model.load(ROOT / "config/default.yaml") == Model.default()  # and what is the node's own is passed over
-    for node, own in (("sim", sim.OWN), ("track_controller", track_controller.DECLARED)):
+    for node, own in (("sim", sim.OWN), ("track_controller", track_controller.DECLARED), ("monitor", monitor.OWN)):
         given = read_parameter_file(ROOT / "config/default.yaml", node)
         assert given and set(given) <= {*own, *Model.default().parameters}
-    rviz = yaml.safe_load((ROOT / "rviz/forces.rviz").read_text())
-    shown = {d["Topic"]["Value"] for d in rviz["Visualization Manager"]["Displays"] if "Topic" in d}
-    assert shown == {"/inductrack/forces", "/inductrack/odometry", "/inductrack/measured/pose"}
 
 
 def test_the_launch_file_describes_its_arguments(monkeypatch):

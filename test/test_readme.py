@@ -16,7 +16,7 @@ from inductrack_ros import cli
 from inductrack_ros.core.effects import catalogue, load_effects
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.parameters import PARAMETERS as MODEL
-from inductrack_ros.nodes import interface_tables, record
+from inductrack_ros.nodes import interface_tables, monitor, play, record
 from inductrack_ros.nodes.parameters import MODEL_OPTIONS
 from inductrack_ros.nodes.sim import OWN
 from inductrack_ros.nodes.track_controller import DECLARED
@@ -29,6 +29,7 @@ FOREIGN = {"sudo", "pip", "mkdir", "source", "export", "rosdep"}
 PARAMETERS = {
     "sim": {**OWN, **MODEL_OPTIONS, **MODEL},
     "track_controller": DECLARED,
+    "monitor": {**monitor.OWN, **MODEL_OPTIONS, **MODEL},
 }
 
 
@@ -71,8 +72,8 @@ def check(words: list[str], tables: str) -> None:
             cli._parser().parse_args(rest)  # leaves with an error for what it does not know
             effect = rest[1] if rest[0] == "add" else "track_slope"
             assert effect in catalogue()
-    elif name == "record":
-        record.parse(rest)
+    elif name in ("record", "play"):
+        {"record": record, "play": play}[name].parse(rest)
     elif name in PARAMETERS:
         check_parameters(name, rest)
     elif name == "ros2":
