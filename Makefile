@@ -1,4 +1,4 @@
-# make demo | make test | make lint | make benchmark-diagnosis | make clean. No environment variable is needed.
+# make demo | make test | make lint | make faults | make fuzz | make soak | make benchmark-diagnosis | make clean. No environment variable is needed.
 #
 # On a sourced ROS 2 distribution that one is used (a virtual environment that sees the system's packages);
 # on a bare machine ROS 2 comes as wheels from PyPI into .venv.
@@ -12,7 +12,7 @@ comma := ,
 EXTRAS := $(if $(filter wheels,$(ROS)),test$(comma)ros,test)
 READY := $(VENV)/ready-$(ROS)
 
-.PHONY: demo test lint setup clean benchmark-diagnosis
+.PHONY: demo test lint setup clean benchmark-diagnosis faults fuzz soak
 .NOTPARALLEL:
 
 demo: $(READY)
@@ -23,6 +23,16 @@ test: $(READY) lint
 
 benchmark-diagnosis: $(READY)
 	@$(BIN)/python benchmarks/blind_diagnosis.py --output build/diagnosis.json
+
+# What docs/robustness.md tells: the faults' figures, ten thousand wrong inputs and more (nightly), half an hour without loss.
+faults: $(READY)
+	@$(BIN)/python -m pytest -s test/test_faults_*.py test/test_nodes_record.py
+
+fuzz: $(READY)
+	@$(BIN)/python -m pytest test/test_fuzz.py --hypothesis-profile=nightly --durations=0
+
+soak: $(READY)
+	@$(BIN)/python benchmarks/soak.py
 
 lint: $(READY)
 	@$(BIN)/lint-imports --no-logo

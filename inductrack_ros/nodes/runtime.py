@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ..core.errors import InputError
-from .domain import reach
+from .domain import reach, stay_local
 from .start import STOP
 
 NAMESPACE = "inductrack"  # of every node, unless `--ros-args -r __ns:=/other` says otherwise
@@ -29,6 +29,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     One thread and `spin_once`: in the PyPI wheels the multi-threaded executor starves a 1 kHz timer.
     """
     STOP.listen()
+    stay_local()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:

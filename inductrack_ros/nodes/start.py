@@ -7,8 +7,6 @@ import signal
 import sys
 from importlib import import_module
 
-from .domain import stay_local
-
 
 class Stop:
     """What SIGINT and SIGTERM do: end at once while a node starts, ask it to stop once it runs.
@@ -35,7 +33,6 @@ STOP = Stop()
 
 def _run(module: str) -> int:
     STOP.listen()
-    stay_local()  # before rclpy reads the environment
     return import_module(f".{module}", __package__).main(sys.argv)
 
 
