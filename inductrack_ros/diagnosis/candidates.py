@@ -139,13 +139,12 @@ def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], 
             height = np.stack([np.sin(phase), np.cos(phase)], axis=2).reshape(len(phase), -1)
             parts.append(r.respond(k[:, :, None] * height[:, None, :]))
         projected = project(project.stack(parts))
-        for j, nu in enumerate(chunk):
-            pair = projected[:, 2 * j : 2 * j + 2]
-            if np.linalg.norm(pair, axis=0).min() < 1e-3:
-                continue
-            coefficients, *_ = np.linalg.lstsq(pair, project.residual, rcond=None)
-            promise = float(project.residual @ (pair @ coefficients))
-            tried.append((promise, nu, coefficients, [p[:, 2 * j : 2 * j + 2] for p in parts], 1 / np.linalg.norm(pair[:, 0])))
+        a, b = projected[:, ::2], projected[:, 1::2]  # sines and cosines
+        aa, bb, ab = np.sum(a * a, axis=0), np.sum(b * b, axis=0), np.sum(a * b, axis=0)
+        ra, rb = project.residual @ a, project.residual @ b
+        for j in np.flatnonzero((np.minimum(aa, bb) > 1e-6) & (aa * bb - ab**2 > 1e-9 * aa * bb)):
+            pair = np.linalg.solve([[aa[j], ab[j]], [ab[j], bb[j]]], [ra[j], rb[j]])
+            tried.append((float(pair @ [ra[j], rb[j]]), chunk[j], pair, [p[:, 2 * j : 2 * j + 2] for p in parts], aa[j] ** -0.5))
     tried.sort(key=lambda t: -t[0])
     starts: list[Mapping[str, float]] = []
     for _, nu, (a, b), _, _ in tried:

@@ -31,6 +31,8 @@ MOST_EFFECTS = 3
 TWINS = 6.6
 #: Quick refits this close to the best are refitted in full before they are judged.
 CLOSE = 60.0
+#: An effect without which χ² is so much larger is not one to take back.
+NEEDED = 100.0
 #: Known effects are tried first where the best promises this part of what any force of one variable does.
 PREFER_KNOWN = 0.8
 #: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
@@ -62,7 +64,12 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None]) -> 
         chosen = search.finish(min(search.trials.values(), key=lambda t: penalised(search, t)))
         found_gate = search.gate(chosen)
         notes.append("interrupted before the search was over: this is the best set found until then")
-    chosen = _prune(search, chosen) if len(chosen.names) > len(root.names) + 1 else chosen
+    if len(chosen.names) > len(root.names) + 1:
+        chosen = _prune(search, chosen)
+        better = _exchanged(search, chosen)
+        if better is not chosen and (search.gate(better).adequate or not found_gate.adequate):
+            chosen = better
+        found_gate = search.gate(chosen)
     new = tuple(n for n in chosen.names if n not in root.names)
     stand_in = [n for n in new if n.startswith("stand_in")]
     effects = tuple(n for n in new if n not in stand_in)
@@ -148,8 +155,11 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
             beam = _grown(search, beam, QUICK_LATER)[:BEAM]
             if not beam:
                 return None
-            tried.append(beam[0])
             if passing := _passing(search, beam):
+                return passing
+            beam[0] = _exchanged(search, search.finish(beam[0]))
+            tried.append(beam[0])
+            if passing := _passing(search, beam[:1]):
                 return passing
         return None
 
@@ -184,9 +194,10 @@ def _grown(search: Search, beam: Sequence[Trial], limit: int) -> list[Trial]:
     return sorted(grown.values(), key=lambda t: penalised(search, t))
 
 
-def _passing(search: Search, ranked: Sequence[Trial]) -> tuple[Trial, Gate] | None:
-    """The first of the two cheapest that leaves nothing but noise."""
-    for t in [search.finish(t) for t in ranked[:2]]:
+def _passing(search: Search, ranked: list[Trial]) -> tuple[Trial, Gate] | None:
+    """The first of the two cheapest, which are refitted in place, that leaves nothing but noise."""
+    ranked[:2] = sorted((search.finish(t) for t in ranked[:2]), key=lambda t: penalised(search, t))
+    for t in ranked[:2]:
         if (gate := search.gate(t)).adequate:
             return t, gate
     return None
@@ -214,8 +225,24 @@ def _prune(search: Search, trial: Trial) -> Trial:
         if name in root or name.startswith("stand_in") or len(trial.names) == 1:
             continue
         smaller = search.without(trial, name)
+        if smaller.chi2 > trial.chi2 + NEEDED:
+            continue
         if penalised(search, smaller) <= penalised(search, trial) or search.gate(smaller).adequate:
             return _prune(search, smaller)
+    return trial
+
+
+def _exchanged(search: Search, trial: Trial) -> Trial:
+    """The trial with its effects exchanged, one at a time, as long as another in its place explains more.
+
+    The first effects were chosen while the later ones were still missing, and may have stood in for them.
+    """
+    for name in [n for n in trial.names if n not in search.base.structure.effects and not n.startswith("stand_in")]:
+        for other in search.rivals(trial, name)[:1]:
+            if other.chi2 < trial.chi2 + CLOSE:
+                other = search.finish(other)
+            if penalised(search, other) < penalised(search, trial):
+                return _exchanged(search, other)
     return trial
 
 
@@ -223,21 +250,11 @@ def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, t
     """For each effect found, what could stand in its place within `TWINS` of χ²."""
     twins = {}
     for name in effects:
-        parent = search.without(chosen, name)
-        key = frozenset(parent.names)
-        if not any(len(k) == len(key) + 1 and k > key for k in search.trials):
-            search.grow(parent, QUICK_LATER)
-        rivals = []
-        for k, t in list(search.trials.items()):
-            other = k - key
-            if len(k) != len(key) + 1 or not k > key or name in other:
-                continue
-            if t.chi2 < chosen.chi2 + CLOSE:
-                t = search.finish(t)
-            if t.chi2 < chosen.chi2 + TWINS:
-                rivals.append((t.chi2, next(iter(other))))
+        added = frozenset(chosen.names) - {name}
+        close = [search.finish(t) for t in search.rivals(chosen, name) if t.chi2 < chosen.chi2 + CLOSE]
+        rivals = sorted((t.chi2, next(iter(frozenset(t.names) - added))) for t in close if t.chi2 < chosen.chi2 + TWINS)
         if rivals:
-            twins[name] = tuple(n for _, n in sorted(rivals))
+            twins[name] = tuple(n for _, n in rivals)
     return twins
 
 

@@ -48,6 +48,7 @@ class Search:
         self.screens: dict[frozenset[str], list[Screened]] = {}
         self.gates: dict[frozenset[str], Gate] = {}
         self.looked: dict[frozenset[str], Trial] = {}
+        self.grown: set[frozenset[str]] = set()
 
     def screened(self, trial: Trial) -> list[Screened]:
         """Candidates' standing at a trial's fit."""
@@ -79,7 +80,17 @@ class Search:
         field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
         for t in field:
             self.keep(t)
+        self.grown.add(frozenset(trial.names))
         return field
+
+    def rivals(self, trial: Trial, name: str) -> list[Trial]:
+        """Trials with another effect in the place of one of a trial's, best first."""
+        parent = self.without(trial, name)
+        key = frozenset(parent.names)
+        if key not in self.grown:
+            self.grow(parent, QUICK_LATER)
+        found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k]
+        return sorted(found, key=lambda t: t.chi2)
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the threads."""
@@ -115,7 +126,7 @@ class Search:
     def _further(self, trial: Trial, iterations: int) -> Trial:
         """More steps of a quick refit."""
         f = trial.fit
-        new = fit(self.single, f.structure, f.states, f.theta, iterations, tolerance=0.1, reuse=f.linear, linear=f.linear)
+        new = fit(self.single, f.structure, f.states, f.theta, iterations, tolerance=0.1, reuse=f.linear)
         return Trial(new, trial.names, False, trial.occam)
 
     def finish(self, trial: Trial) -> Trial:

@@ -7,7 +7,7 @@ eliminated run by run (Schur complement) and the step costs next to nothing besi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -121,13 +121,15 @@ def fit(
             total += float(np.sum(((x - d.guess)[f] / STATE_PRIOR[f]) ** 2))
         return total
 
-    def cost(th: np.ndarray, xs: Sequence[np.ndarray]) -> float:
-        return chi_square(_within(problem, problem.residuals(structure, th, xs, until), until)) + penalty(th, xs)
+    def at(th: np.ndarray, xs: Sequence[np.ndarray], known: Sequence[np.ndarray] | None = None) -> tuple[list[np.ndarray], float]:
+        residuals = known or problem.residuals(structure, th, xs, until)
+        return residuals, chi_square(_within(problem, residuals, until)) + penalty(th, xs)
 
-    damping, current, converged = 1e-3, cost(theta, states), False
+    damping, converged = 1e-3, False
     if linear is None:
         linear = problem.linearise(structure, theta, states, until, reuse)
-    for _ in range(iterations):
+    _, current = at(theta, states, [part.residual for part in linear])
+    for left in reversed(range(iterations)):
         accepted = False
         for _ in range(8):
             try:
@@ -140,7 +142,7 @@ def fit(
                 break
             new_theta = np.clip(theta + step, low, high)
             new_states = [x + dx for x, dx in zip(states, local, strict=True)]
-            trial = cost(new_theta, new_states)
+            residuals, trial = at(new_theta, new_states)
             if trial < current:
                 accepted = True
                 good = (current - trial) / gain
@@ -150,11 +152,13 @@ def fit(
         if converged or not accepted:
             converged = converged or np.isfinite(current)
             break
-        small = current - trial < enough
+        converged = current - trial < enough
         theta, states, current = new_theta, new_states, trial
-        linear = problem.linearise(structure, theta, states, until, reuse, linear if reuse is not None else None)
-        if small:
-            converged = True
+        if reuse is not None and (converged or not left):  # a quick look ends with derivatives one step old
+            linear = [replace(part, residual=r) for part, r in zip(linear, residuals, strict=True)]
+        else:
+            linear = problem.linearise(structure, theta, states, until, reuse, linear if reuse is not None else None)
+        if converged:
             break
     residuals = _within(problem, [part.residual for part in linear], until)
     return Fit(structure, theta, tuple(states), chi_square(residuals), _covariance(problem, structure, linear, until), tuple(linear), converged)

@@ -1,0 +1,44 @@
+"""A rig that is not the paper's: one degree of freedom, a shape factor twenty times smaller, a sensor that reads to 0.1 mm.
+
+The data come from a few lines of scipy, apart from the library: a plate over coils whose mean force falls as exp(−z/z0), with a linear
+damping, let go from below its place of rest.
+"""
+
+import numpy as np
+import pytest
+import yaml
+from scipy.integrate import solve_ivp
+
+from inductrack_ros.core.model import Model
+from inductrack_ros.data import load_campaign
+from inductrack_ros.diagnosis.diagnose import diagnose
+
+MASS, GRAVITY, FALL, REST, DAMPING = 0.107, 9.81, 5.3e-3, 11.3e-3, 0.8  # kg, m/s², m, m, N·s/m
+NOMINAL_GAP = 10e-3
+
+
+@pytest.fixture
+def plate(tmp_path):
+    """The campaign's folder."""
+
+    def slope(_, y):
+        return [y[1], GRAVITY * (np.exp((REST - y[0]) / FALL) - 1) - DAMPING / MASS * y[1]]
+
+    times = np.arange(0, 1.7, 0.01)
+    height = solve_ivp(slope, (0, 1.7), [3.7e-3, 0.0], t_eval=times, rtol=1e-10, atol=1e-12).y[0]
+    read = np.round(height - NOMINAL_GAP, 4)
+    (tmp_path / "plate.csv").write_text("time,heave\n" + "".join(f"{t:.3f},{h:.4f}\n" for t, h in zip(times, read, strict=True)))
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump({"wavelength": 4 * np.pi * FALL, "mass": MASS, "width_side": 0.0, "dof": 1}))
+    run = {"file": "plate.csv", "drive_current": 0.0, "initial_state": {"surge": 0.0, "surge_rate": 20.0}}
+    description = {"name": "plate", "dof": 1, "model": "rig.yaml", "free": ["eta"], "noise_std": {"heave": 3e-5}, "runs": [run]}
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(description))
+    return tmp_path
+
+
+def test_damping_of_a_plate_is_found_from_far_off(plate):
+    campaign = load_campaign(plate)
+    found = diagnose(campaign, Model.load(campaign.model))
+    assert found.verdict == "missing_effect" and found.effects == ("heave_damping",)
+    value, deviation = found.parameters["heave_damping.coefficient"]
+    assert value == pytest.approx(DAMPING, abs=4 * deviation) and deviation < 0.02 * DAMPING
+    assert found.steps[0].reduced_chi2 > 100 * found.steps[-1].reduced_chi2
