@@ -42,7 +42,7 @@ class RunResponse:
         inertia = model.parameters["mass"], model.parameters["roll_inertia"]
         self.inverse_inertia = np.array([1 / inertia[0]] * 3 + [1 / inertia[1]])
         self.transitions = _transitions(data, model, P, outputs, dof)
-        self.geometry = _gap_geometry(model)
+        self.geometry = gap_geometry(model)
 
     @property
     def variables(self) -> dict[str, np.ndarray]:
@@ -74,7 +74,7 @@ class RunResponse:
         return np.gradient(rate, self.grid, axis=0)
 
 
-def _gap_geometry(model) -> np.ndarray:
+def gap_geometry(model) -> np.ndarray:
     """Derivative (3, 4) of the gaps by the coordinates at small roll, (29)–(34)."""
     c = np.sqrt(0.5)
     p = model.parameters
