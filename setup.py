@@ -40,6 +40,7 @@ setup(
         ],
         "test": ["pytest", "hypothesis", "import-linter", "colcon-common-extensions"],
         "cluster": ["dask[distributed]"],
+        "benchmark": ["pysindy>=2.1"],
     },
     zip_safe=True,
     entry_points={

@@ -1,9 +1,10 @@
 """Blind benchmark of the diagnosis: campaigns drawn at random and made by a simulator that shares nothing with the library.
 
-    python benchmarks/blind_diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--output build/diagnosis.json]
+    python benchmarks/blind_diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--peers] [--output build/diagnosis.json]
 
 Prints each campaign as it is done, then the confusion of verdicts, the part that is right, the false-alarm rate, the
-coverage of the 95 % intervals, the error on runs never seen from their exact initial states, and the time.
+coverage of the 95 % intervals, the error on runs never seen from their exact initial states, and the time. With ``--peers``
+the same campaigns are put to what users of other tools would do (`peers`), judged alike.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "test"))
 
+import peers  # noqa: E402
 from independent import campaigns  # noqa: E402
 
 from inductrack_ros.core.model import Model  # noqa: E402
-from inductrack_ros.data import load_campaign  # noqa: E402
+from inductrack_ros.data import Campaign, load_campaign  # noqa: E402
 from inductrack_ros.diagnosis.diagnose import diagnose  # noqa: E402
 from inductrack_ros.estimation.problem import Problem  # noqa: E402
 from inductrack_ros.estimation.structure import Structure  # noqa: E402
@@ -70,18 +72,35 @@ def heldout_error(folder: Path, model: Model, noise: dict[str, float]) -> float:
     return float(np.sqrt(np.mean(rest**2)))
 
 
-def run(seed: int, kind: str | None) -> dict:
-    """One campaign, drawn, diagnosed and judged."""
+def ask_peers(campaign: Campaign, truth: dict) -> dict[str, dict]:
+    """What each peer finds, judged as the diagnosis is."""
+    answers = {}
+    for name in peers.PEERS:
+        began = time.perf_counter()
+        try:
+            found = peers.ask(name, campaign, Model.default())
+            answer = {**judge(truth, found), "found": list(found.effects)}
+        except ImportError as error:
+            raise SystemExit(f"--peers: {error}; pip install -e '.[benchmark]'") from error
+        except Exception as error:
+            answer = {"right": False, "verdict": f"{type(error).__name__}: {error}", "found": []}
+        answers[name] = {**answer, "seconds": time.perf_counter() - began}
+    return answers
+
+
+def run(seed: int, kind: str | None, with_peers: bool = False) -> dict:
+    """One campaign, drawn, diagnosed and judged; ``with_peers`` by the peers too."""
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "blind"
         truth = campaigns.write_campaign(folder, seed, kind=kind)
         campaign = load_campaign(folder)
+        beside = {"peers": ask_peers(campaign, truth)} if with_peers else {}
         began = time.perf_counter()
         try:
             found = diagnose(campaign, Model.default())
         except Exception as error:  # a crash is a wrong answer with a reason, not the end of the benchmark
             return {"seed": seed, "kind": truth["kind"], "right": False, "verdict": f"{type(error).__name__}: {error}", "seconds": time.perf_counter() - began,
-                    "truth": truth["verdict"], "effects": truth["effects"], "found": [], "covered": [], "clarity": 0.0, "error": None, "samples": 0}  # fmt: skip
+                    "truth": truth["verdict"], "effects": truth["effects"], "found": [], "covered": [], "clarity": 0.0, "error": None, "samples": 0, **beside}  # fmt: skip
         seconds = time.perf_counter() - began
         clarity = [c["signal_after_nuisance"] for c in truth.get("clarity", {}).values()]
         return {
@@ -90,7 +109,7 @@ def run(seed: int, kind: str | None) -> dict:
             "found": list(found.effects), "twins": {k: list(v) for k, v in found.indistinguishable.items()},
             "found_unknown": None if found.unknown is None else [found.unknown.channel, list(found.unknown.depends_on)],
             "covered": covered(truth, found), "seconds": seconds, "clarity": min(clarity, default=0.0), "design": truth["plan"]["design"],
-            "error": heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"]), "samples": int(sum(r.measured.sum() for r in campaign.runs)),
+            "error": heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"]), "samples": int(sum(r.measured.sum() for r in campaign.runs)), **beside,
         }  # fmt: skip
 
 
@@ -114,7 +133,25 @@ def summary(rows: list[dict]) -> str:
     if errors:
         lines.append(f"error on unseen runs over noise: median {np.median(errors):.3f}, largest {max(errors):.3f}")
     lines.append(f"time: median {statistics.median(r['seconds'] for r in rows):.0f} s, longest {max(r['seconds'] for r in rows):.0f} s")
-    return "\n".join(lines)
+    return "\n".join(lines + versus([r for r in rows if "peers" in r]))
+
+
+def versus(rows: list[dict]) -> list[str]:
+    """The diagnosis and its peers in one table: right by kind, false alarms, time."""
+    if not rows:
+        return []
+    methods = {"this package": rows} | {name: [r | r["peers"][name] for r in rows] for name in rows[0]["peers"]}
+    lines = ["", f"| right | campaigns | {' | '.join(methods)} |", "|---" * (2 + len(methods)) + "|"]
+    for kind in [*campaigns.KINDS, None]:
+        counts = [[r["right"] for r in m if kind in (None, r["kind"])] for m in methods.values()]
+        if counts[0]:
+            lines.append(f"| {kind or 'all'} | {len(counts[0])} | {' | '.join(str(sum(c)) for c in counts)} |")
+    truths = {"false alarms": lambda r: r["truth"] == "adequate" and r["verdict"] != "adequate", "every true effect, and others": lambda r: not r.get("missed", True) and bool(r.get("extra"))}
+    for label, counts in truths.items():
+        lines.append(f"| {label} | {len(rows)} | {' | '.join(str(sum(map(counts, m))) for m in methods.values())} |")
+    times = [[r["seconds"] for r in m] for m in methods.values()]
+    lines.append(f"| time, median / longest (s) | | {' | '.join(f'{statistics.median(s):.0f} / {max(s):.0f}' for s in times)} |")
+    return lines
 
 
 def main() -> None:
@@ -123,15 +160,18 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1000, help="of the first campaign; the others follow")
     parser.add_argument("--kind", choices=campaigns.KINDS)
+    parser.add_argument("--peers", action="store_true", help="PySINDy's weak form and a stepwise BIC on the same campaigns too")
     parser.add_argument("--output", type=Path, help="write all results as JSON too")
     given = parser.parse_args()
     rows = []
     for seed in range(given.seed, given.seed + given.campaigns):
-        row = run(seed, given.kind)
+        row = run(seed, given.kind, given.peers)
         rows.append(row)
         mark = "right" if row["right"] else "WRONG"
         print(f"{seed} {mark} {row['kind']}: {row['effects']} {row.get('unknown')} -> {row['verdict'][:150]} {row['found']} {row.get('twins')} {row.get('found_unknown')} "
               f"clarity {row['clarity']:.0f} error {row['error']} {row['seconds']:.0f} s {row['samples']} samples", flush=True)  # fmt: skip
+        for name, answer in row.get("peers", {}).items():
+            print(f"     {name}: {'right' if answer['right'] else 'WRONG'} {answer['verdict'][:150]} {answer['found']} {answer['seconds']:.0f} s", flush=True)
         if given.output:
             given.output.parent.mkdir(parents=True, exist_ok=True)
             given.output.write_text(json.dumps(rows, indent=1, default=str))
