@@ -3,13 +3,17 @@
 `kernel` puts this file's text behind the right-hand side it generates and compiles both as one module; the names it
 does not define (``derivative``, ``N_STATES``, …) come from there.
 
-Outside contact the forces are smooth and slow, so a step of a millisecond is exact to nanometres. Shorter steps are
-taken in contact, while a pulse lasts, and wherever the embedded third-order result disagrees (a wavy track, a strong
-field, a user's effect). Steps end where a pulse begins or ends, where an array touches or leaves the track, and where
-the travel turns; a cradle that friction holds at a standstill is held, it does not rattle about zero speed.
+Outside contact the forces are smooth and slow, so a step of two milliseconds is exact to a tenth of a micrometre.
+Shorter steps are taken in contact until its vibration has died away, while a pulse lasts, and wherever the embedded
+third-order result disagrees (a wavy track, a strong field, a user's effect). Steps end where a pulse begins or ends,
+where an array touches or leaves the track, and where the travel turns; a cradle that friction holds at a standstill is
+held, it does not rattle about zero speed.
 
 ``rig`` below is what does not change during a step: (P, on, free, touching, origin, averaged, pt, pp, pc), where
 ``free`` are the coordinates that move now and pt, pp, pc the pulses' times, places and currents.
+
+All but the two entry points are compiled without numba's reference counting, which took half the time: they own no
+array, so work space comes from the entry point. ``PADDED`` is N_STATES rounded up to whole vector registers.
 """
 
 # ruff: noqa: F821
@@ -18,7 +22,10 @@ import math
 import numpy as np
 
 MAX_CONTACT_SWITCHES = 100_000  # a run that rattles more often than this is not one we can integrate
-TOLERANCE = np.array([1e-8, 1e-8, 1e-8, 1e-7, 1e-5, 1e-5, 1e-5, 1e-4])  # of the third-order result in one step
+PER_TOLERANCE = np.array([1e8, 1e8, 1e8, 1e7, 1e5, 1e5, 1e5, 1e4])  # over the error of the third-order result in one step
+GROW, SHRINK = 0.03, 1.0  # errors over tolerance at which steps grow back to normal, and below normal shrink
+CONTACT_GROW, CONTACT_SHRINK = 0.002, 0.05  # the same where they are longer than normal, stricter: a step that comes
+CONTACT_GROWTH = 8.0  # and goes would show in differences of runs. Times a normal contact step, the longest one
 SHORTEST_STEP = 1e-7  # s; a motion that needs shorter ones, a grain's under a clamp's stiffness, would never end
 FINEST = 2.0**-10  # steps are not refined further than this: a force that jumps all the time would stop the run
 CREEP = 1e-9  # m/s, the speed at which we ask which way friction pushes
@@ -102,23 +109,24 @@ def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
     Returns how far the embedded third-order result (weights ⅙ ⅓ ⅓ 0 and ⅙ on k_new) is off, over the tolerance.
     """
     P, on, free, touching, origin, averaged, pt, pp, pc = rig
-    for i in range(N_STATES):
+    for i in range(PADDED):
         x_new[i] = x[i] + h / 6.0 * k1[i]
         stage[i] = x[i] + 0.5 * h * k1[i]
-    for s in range(3):
-        ts = t + (h if s == 2 else 0.5 * h)
+    for s in range(4):  # the fourth is the slope at the end; one loop, so that `derivative` is compiled into it once
+        ts = t + (h if s >= 2 else 0.5 * h)
         pulse = 0.0 if averaged else pulse_sum(ts, stage[0], P, pt, pp, pc, first)
-        derivative(ts, stage, P, on, free, touching, origin, averaged, pulse, k, q_new, False)
+        derivative(ts, stage, P, on, free, touching, origin, averaged, pulse, k_new, q_new, False)
+        if s == 3:
+            break
         weight = h / 6.0 if s == 2 else h / 3.0
         ahead = h if s == 1 else 0.5 * h
-        for i in range(N_STATES):
-            x_new[i] += weight * k[i]
-            stage[i] = x[i] + ahead * k[i]
-    pulse = 0.0 if averaged else pulse_sum(t + h, x_new[0], P, pt, pp, pc, first)
-    derivative(t + h, x_new, P, on, free, touching, origin, averaged, pulse, k_new, q_new, False)
+        for i in range(PADDED):
+            x_new[i] += weight * k_new[i]
+            k[i] = k_new[i]
+            stage[i] = x_new[i] if s == 2 else x[i] + ahead * k_new[i]
     error = 0.0
     for i in range(8):
-        error = max(error, h / 6.0 * abs(k[i] - k_new[i]) / TOLERANCE[i])
+        error = max(error, h / 6.0 * abs(k[i] - k_new[i]) * PER_TOLERANCE[i])
     return error
 
 
@@ -136,17 +144,20 @@ def sticks(t, x, rig, first, k, q):
     return forth < 0.0 < back
 
 
-def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
-    """Carry the state x from time t through ``times`` and write the `state.OUTPUTS` at each into ``out`` (n, 15).
+def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, longest, work, touching, out):
+    """Carry ``state`` from time t through ``times`` and write the `state.OUTPUTS` at each into ``out`` (n, 15).
 
-    x is changed in place and ends as the state at the last of ``times``. Rows after a state that is no longer finite
-    are NaN.
+    ``state`` is changed in place and ends as that at the last of ``times``. Rows after a state that is no longer finite
+    are NaN. ``work`` (9, PADDED or N_QUANTITIES) and ``touching`` (3,) are work space.
     """
     free_step, contact_step, travel_step = step_sizes(P, on, longest)
-    x_new, k1, k_new = np.empty(N_STATES), np.empty(N_STATES), np.empty(N_STATES)
-    k, stage = np.empty(N_STATES), np.empty(N_STATES)
-    q, q_new = np.empty(N_QUANTITIES), np.empty(N_QUANTITIES)
-    touching, free = np.zeros(3, np.bool_), np.empty(4)
+    x_new, k1, k_new, k, stage = work[0], work[1], work[2], work[3], work[4]
+    q, q_new, free, x = work[5], work[6], work[7], work[8]
+    for i in range(PADDED):
+        x[i] = state[i] if i < N_STATES else 0.0
+        k1[i] = k_new[i] = 0.0
+    for i in range(3):
+        touching[i] = False
     for i in range(4):
         free[i] = moving[i]
     rig = (P, on, free, touching, origin, averaged, pt, pp, pc)
@@ -176,13 +187,13 @@ def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest,
                 remaining = min(remaining, wait)
                 if burns:
                     limit = min(limit, 0.1 * P[PULSE_LENGTH])
-            h = remaining / max(math.ceil(remaining / (limit * refine) - 1e-9), 1)
+            h = remaining / max(math.ceil(remaining / min(limit * refine, free_step) - 1e-9), 1)
 
             error = step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage)
-            if error > 1.0 and refine > FINEST:
+            if error > (CONTACT_SHRINK if refine > 1.0 else SHRINK) and refine > FINEST:
                 refine *= 0.5
                 continue
-            if error < 0.03 and refine < 1.0:
+            if error < (GROW if refine < 1.0 else CONTACT_GROW) and refine < (CONTACT_GROWTH if in_contact else 1.0):
                 refine *= 2.0
 
             bottom = lowest_moment(h, P, touching, q, q_new)
@@ -209,6 +220,7 @@ def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest,
                     x_new[4] = free[0] = 0.0
                 slope(t + h, x_new, rig, first, k_new, q_new)
                 switches += 1
+                refine = min(refine, 1.0)
                 if switches > MAX_CONTACT_SWITCHES:
                     x_new[0] = np.nan
             elif moving[0] > 0.0 and free[0] == 0.0 and not sticks(t + h, x_new, rig, first, k, q_new):
@@ -216,7 +228,7 @@ def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest,
                 slope(t + h, x_new, rig, first, k_new, q_new)
 
             t = target if h == target - t else t + h
-            for i in range(N_STATES):
+            for i in range(PADDED):
                 x[i], k1[i] = x_new[i], k_new[i]
             for i in range(6):
                 q[i] = q_new[i]
@@ -224,6 +236,7 @@ def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest,
                 for later in range(row, times.size):
                     for i in range(15):
                         out[later, i] = np.nan
+                state[:] = np.nan
                 return
         for i in range(8):
             out[row, i] = x[i]
@@ -231,19 +244,22 @@ def integrate(times, t, x, P, on, moving, origin, averaged, pt, pp, pc, longest,
             out[row, 8 + i] = q[i]
         for i in range(4):
             out[row, 11 + i] = k1[4 + i]
+    for i in range(N_STATES):
+        state[i] = x[i]
 
 
 def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
     """`integrate` for each row of x (jobs, N_STATES) with its own row of P, on and origin; ``out`` is (jobs, n, 15)."""
+    work, touching = np.empty((9, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     for job in range(x.shape[0]):
-        integrate(times, t0, x[job], P[job], on[job], moving, origin[job], averaged, pt, pp, pc, longest, out[job])
+        integrate(times, t0, x[job], P[job], on[job], moving, origin[job], averaged, pt, pp, pc, longest, work, touching, out[job])
 
 
 def evaluate(t, x, P, on, moving, origin, averaged, pt, pp, pc, dx, q):
     """Derivative and all named quantities at one moment, contact decided from the state itself."""
     touching = np.zeros(3, np.bool_)
     pulse = 0.0 if averaged else pulse_sum(t, x[0], P, pt, pp, pc, 0)
-    derivative(t, x, P, on, moving, touching, origin, averaged, pulse, dx, q, False)
-    for i in range(3):
-        touching[i] = touches(i, P, q)
-    derivative(t, x, P, on, moving, touching, origin, averaged, pulse, dx, q, True)
+    for detail in (False, True):
+        derivative(t, x, P, on, moving, touching, origin, averaged, pulse, dx, q, detail)
+        for i in range(3):
+            touching[i] = touches(i, P, q)

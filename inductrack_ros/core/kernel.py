@@ -40,7 +40,7 @@ QUANTITIES = (
     "arm_top_x", "arm_right_x", "arm_right_y", "arm_left_x", "arm_left_y", "overlap", "current_lift", "current_drag",
 )  # fmt: skip
 #: Longest free step over the field's time scale, and contact step over the contact's: set by the golden trajectories.
-FREE_STEP, CONTACT_STEP = 0.08, 0.4
+FREE_STEP, CONTACT_STEP = 0.14, 0.4
 
 _FLAGS = ("averaged", "touching_top", "touching_right", "touching_left")
 _MOMENT = ("time", "travel", "pulse_current", "averaged", "touching_top", "touching_right", "touching_left")
@@ -207,12 +207,12 @@ def _fingerprint(function: Callable, seen: set[int]) -> str:
 
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
     constants = {name.upper(): column[name] for name in PARAMETERS}
-    constants |= {"N_STATES": n_states, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
+    constants |= {"N_STATES": n_states, "PADDED": (n_states + 3) // 4 * 4, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
     jitted = ["pulse_sum", "until_pulse_edge", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "sticks", "integrate"]
     text = inspect.getsource(integrator)
     options = "nogil=True, error_model='numpy'"
     for name in jitted:
-        text = text.replace(f"\ndef {name}(", f"\n@njit({options})\ndef {name}(", 1)
+        text = text.replace(f"\ndef {name}(", f"\n@njit({options}, _nrt=False)\ndef {name}(", 1)
     for name in ("simulate_batch", "evaluate"):
         text = text.replace(f"\ndef {name}(", f"\n@njit({options}, cache=True)\ndef {name}(", 1)
     head = [
@@ -224,7 +224,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         f"MAX_TRAVELS = np.array([{', '.join(str(column.get(f'{e.name}.{e.max_travel}', -1)) for e in effects)}], dtype=np.int64)",
         *(f"{name} = {value!r}" for name, value in constants.items()),
         "",
-        f"@njit({options})",
+        f"@njit({options}, _nrt=False, forceinline=True)",
         _derivative(effects, column),
         "",
         "",
