@@ -159,3 +159,9 @@ def ros(tmp_path: Path) -> Iterator[Ros]:
     world = Ros(tmp_path)
     yield world
     world.close()
+
+
+@pytest.fixture
+def figure() -> Callable[[str, object], None]:
+    """Say a measured figure; `make faults` shows them, docs/robustness.md quotes them."""
+    return lambda name, value: print(f"\nfigure: {name}: {value}")

@@ -313,7 +313,8 @@ class SimNode(Node):
             troubles["out of bounds"] = ""
         if self.count_publishers("pose") > 1:
             troubles["another simulator"] = (
-                "another node publishes pose in this namespace: two simulators on one domain? "
+                "another node publishes pose in this namespace: two simulators on one domain? (One that was killed "
+                "counts for 20 s.) "
                 "Give one of them its own ROS_DOMAIN_ID, or a namespace with --ros-args -r __ns:=/other"
             )
         if self.model.drive == "pulses":
@@ -321,7 +322,9 @@ class SimNode(Node):
             if controllers == 0:
                 troubles["no controller"] = "nobody publishes drive_pulses: no thrust until a controller starts"
             if controllers > 1:
-                troubles["another controller"] = f"{controllers} nodes publish drive_pulses; end all but one"
+                troubles["another controller"] = (
+                    f"{controllers} nodes publish drive_pulses (one that was killed counts for 20 s); end all but one"
+                )
         return troubles
 
 

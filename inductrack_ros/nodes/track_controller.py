@@ -102,7 +102,7 @@ class TrackController(Node):
         stamp = nanoseconds_of(message.header.stamp)
         surge = message.pose.position.x
         self._last_pose = time.monotonic()
-        if not math.isfinite(surge) or stamp > LAST_STAMP:
+        if not (math.isfinite(surge) and 0 <= stamp <= LAST_STAMP):
             self._broken += 1
             return
         if self._zero is not None and not self._follows(stamp, surge):

@@ -1,0 +1,254 @@
+"""Faults of controllers and simulators, in real processes over real DDS: what is lost, who says so, what goes on.
+
+Idea: a rig's user wants no thrust that nobody commands, a count of what went wrong, and to go on without a restart of
+what did not fail.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped, WrenchStamped
+from std_msgs.msg import UInt64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+from inductrack_ros.core.parameters import PARAMETERS
+from inductrack_ros.nodes.topics import nanoseconds_of, pulse_message, stamp_of
+
+SIM = ["--ros-args", "-p", "drive:=pulses", "-p", "initial_state:=surge_rate=15.0"]
+HOLD = ["--ros-args", "-p", "mode:=speed", "-p", "target_speed:=15.0", "-p", "lead:=0.05"]
+SLOWLY = ["-p", "speed_factor:=0.05"]  # without thrust 15 m/s are gone within a second
+
+
+def seconds(message) -> float:
+    return nanoseconds_of(message.header.stamp) / 1e9
+
+
+class Status:
+    """The newest diagnostics of each node."""
+
+    def __init__(self, ros) -> None:
+        self._heard = ros.listen(DiagnosticArray, "/diagnostics")
+
+    def of(self, node: str) -> DiagnosticStatus:
+        found = [s for m in self._heard for s in m.status if s.name.startswith(f"/inductrack/{node}:")]
+        return found[-1] if found else DiagnosticStatus()
+
+    def count(self, node: str, name: str) -> int:
+        return int({v.key: v.value for v in self.of(node).values}.get(name, -1))
+
+
+def test_controllers_and_simulators_come_and_go(ros, figure):
+    status = Status(ros)
+    twist = ros.listen(TwistStamped, "/inductrack/twist")
+    thrust = ros.listen(WrenchStamped, "/inductrack/wrench/thrust")
+    fired = ros.listen(PointStamped, "/inductrack/fired_pulses")
+    sim = ros.start("sim", *SIM, *SLOWLY, "-p", "command_timeout:=0.05", "-p", "publish_clock:=true", "-p", "paused:=true")
+    ros.wait(lambda: "no controller" in status.of("sim").message, "the simulator to miss a controller")
+    assert all(m.wrench.force.x == 0.0 for m in thrust) and not fired
+
+    controller = ros.start("track_controller", *HOLD)
+    controller.wait_for("firing for 15 m/s")
+    ros.wait(lambda: "no controller" not in status.of("sim").message, "the simulator to see it")
+    ros.call(SetBool, "/inductrack/sim/pause", data=False)
+    ros.wait(lambda: len(fired) > 15, "pulses")
+    controller.kill()
+    killed = seconds(twist[-1])
+    sim.wait_for("no drive pulse for 0.05 s (command_timeout): no thrust; is the controller running?")
+    ros.wait(lambda: status.count("sim", "lost controllers") == 1, "the count")
+    assert status.of("sim").level == DiagnosticStatus.WARN
+    after = [m.wrench.force.x for m in thrust if seconds(m) > seconds(fired[-1]) + PARAMETERS["pulse_length"].default]
+    assert after and not any(after)
+    figure("thrust after the controller was killed", f"{1e3 * max(0.0, seconds(fired[-1]) - killed):.0f} ms simulated")
+
+    count = len(fired)
+    again = ros.start("track_controller", *HOLD)
+    ros.wait(lambda: len(fired) > count + 15, "pulses of the controller that was started again")
+    assert status.count("sim", "lost controllers") == 1
+
+    # Another controller and another simulator, as anybody's publishers, are said to be there.
+    begun = time.monotonic()
+    others = ros.publisher(PointStamped, "/inductrack/drive_pulses"), ros.node.create_publisher(PoseStamped, "/inductrack/pose", 1)
+    sim.wait_for("two simulators on one domain?")
+    figure("two simulators on one domain: said after", f"{time.monotonic() - begun:.1f} s")
+    sim.wait_for("nodes publish drive_pulses")
+    ros.wait(lambda: "another simulator, another controller" in status.of("sim").message, "the diagnostics to say so")
+    for other in others:
+        ros.node.destroy_publisher(other)
+
+    sim.kill()
+    ros.wait(lambda: "no pose for" in status.of("track_controller").message, "the controller to miss its poses")
+    count, sent = len(fired), status.count("track_controller", "pulses sent")
+    new = ros.start("sim", *SIM, *SLOWLY, "-p", "publish_clock:=true")
+    ros.wait(lambda: len(fired) > count + 15, "pulses in the simulator that was started again")
+    assert again.running and status.count("track_controller", "pulses sent") > sent
+
+    assert new.stop() == 0 and again.stop() == 0
+
+
+#: Seconds from now, coil, current: nothing of this may be fired.
+WILD_PULSES = [
+    (0.2, math.nan, 7e3), (0.2, 3.0, math.nan), (0.2, math.inf, 7e3), (0.2, 3.0, -math.inf), (0.2, -1.0, 7e3),
+    (0.2, 2.5, 7e3), (0.2, 1e300, 7e3), (0.2, 3.0, 1e300), (0.2, 3.0, -2.1e4), (1e9, 3.0, 7e3), (-1e9, 3.0, 7e3),
+    (2.0, 3.0, 7e3), (-0.01, 3.0, 7e3), (-3e9, 3.0, 7e3),
+]  # fmt: skip
+
+
+def test_wild_pulses_a_flood_and_wild_parameters_do_no_harm(ros, figure):
+    status = Status(ros)
+    poses = ros.listen(PoseStamped, "/inductrack/pose")
+    thrust = ros.listen(WrenchStamped, "/inductrack/wrench/thrust")
+    fired = ros.listen(PointStamped, "/inductrack/fired_pulses")
+    sim = ros.start("sim", *SIM, "-p", "publish_clock:=true")
+    pulses = ros.publisher(PointStamped, "/inductrack/drive_pulses")
+    ros.wait(lambda: poses and seconds(poses[-1]) > 0.1, "poses")
+
+    def send(after: float, coil: float, current: float) -> None:
+        stamp = nanoseconds_of(poses[-1].header.stamp) + round(after * 1e9)
+        pulses.publish(pulse_message(stamp_of(max(-(2**31) * 10**9, stamp)), coil, current))
+
+    for wild in WILD_PULSES:
+        send(*wild)
+    taken = ("late pulses", "refused pulses")
+    ros.wait(lambda: sum(status.count("sim", n) for n in taken) == len(WILD_PULSES), "all to be refused or late")
+    assert not fired and not any(m.wrench.force.x for m in thrust)
+
+    # A flood: simulated time keeps its pace, and nobody's thrust is the sum of thousands.
+    def pace(while_waiting) -> float:
+        begin, first = time.monotonic(), seconds(poses[-1])
+        while time.monotonic() - begin < 1.5:
+            while_waiting()
+        return (seconds(poses[-1]) - first) / (time.monotonic() - begin)
+
+    sent = 0
+
+    def flood() -> None:
+        nonlocal sent
+        for _ in range(50):
+            send(0.5, 40.0, 7e3)
+            sent += 1
+        for _ in range(50):
+            ros.spin(0.0)
+
+    before, during = pace(ros.spin), pace(flood)
+    figure("flood of drive pulses", f"{sent / 1.5:.0f}/s; simulated time at {100 * during / before:.0f} % of its pace")
+    assert sent > 1000 and during > 0.5 * before
+    ros.wait(lambda: fired and seconds(poses[-1]) > seconds(fired[-1]) + 0.6, "the last pulse to have burnt")
+    begins = sorted(seconds(m) for m in fired)
+    assert all(b - a >= PARAMETERS["pulse_length"].default for a, b in zip(begins[:-1], begins[1:], strict=True))
+
+    # Parameters: whatever is asked, the answer is yes or a reason, and what is published stays finite.
+    poses.clear()
+    asked = 0
+    for name, declared in PARAMETERS.items():
+        for value in (math.nan, -math.inf, declared.low, declared.high):
+            asked += 1
+            result = ros.set_parameter("/inductrack/sim", name, value)
+            assert result.successful or name in result.reason or "out of bounds" in result.reason or "bounds" in result.reason
+            assert result.successful is False or declared.low <= value <= declared.high
+    for name, value in (("speed_factor", math.nan), ("measured.heave.noise", math.nan), ("mass", "heavy"), ("mass", [1.0])):
+        assert not ros.set_parameter("/inductrack/sim", name, value).successful
+    figure("parameters set at run time to NaN, infinity and the ends of their ranges", asked)
+    ros.call(Trigger, "/inductrack/sim/reset")
+    ros.wait(lambda: poses or not sim.running, "poses")
+    assert sim.running
+    numbers = [(m.pose.position.x, m.pose.position.y, m.pose.position.z, m.pose.orientation.w) for m in poses]
+    assert all(map(math.isfinite, sum(numbers, ())))
+    assert sim.stop() == 0
+
+
+def test_a_clock_that_jumps_changes_nothing(ros, tmp_path, figure):
+    """The wall clock jumps an hour back and forth all the time; ticks, stamps and the bag go on as if it did not."""
+    jumping = tmp_path / "jumping.py"
+    jumping.write_text(
+        "import itertools, sys, time\n"
+        "real, calls = time.time_ns, itertools.count()\n"
+        "time.time_ns = lambda: real() + 3600 * 10**9 * (-1) ** (next(calls) // 7)\n"
+        "time.time = lambda: time.time_ns() / 1e9\n"
+        "name = sys.argv.pop(1)\n"
+        "from inductrack_ros.nodes import start\n"
+        "sys.exit(getattr(start, name)())\n"
+    )
+    bag = tmp_path / "bag"
+    recorder = ros.start(str(jumping), "record", "-o", str(bag), "/inductrack/pose")
+    recorder.wait_for("[INFO]")
+    poses = ros.listen(PoseStamped, "/inductrack/pose")
+    sim = ros.start(str(jumping), "sim")
+    ros.wait(lambda: len(poses) > 500, "a second of poses")
+    assert sim.stop() == 0 and recorder.stop() == 0
+    steps = {nanoseconds_of(b.header.stamp) - nanoseconds_of(a.header.stamp) for a, b in zip(poses, poses[1:], strict=False)}
+    assert steps == {2_000_000}
+    from rosbags.rosbag2 import Reader
+
+    from inductrack_ros.nodes.record import stamp_ns
+
+    with Reader(bag) as reader:
+        recorded = {stamp_ns(raw) for _, _, raw in reader.messages()}
+    assert {nanoseconds_of(m.header.stamp) for m in poses} <= recorded
+    figure("poses lost while the wall clock jumped by an hour", 0)
+
+
+def test_a_jumping_pose_does_not_mislead_the_controller(ros):
+    """Its clock jumps, its place jumps, its number is missing: nothing is fired until the motion is known again."""
+    status = Status(ros)
+    sent = ros.listen(PointStamped, "/inductrack/drive_pulses")
+    controller = ros.start("track_controller", *HOLD, "-p", "lockstep:=true")
+    answers = ros.listen(UInt64MultiArray, "/inductrack/lockstep/done")
+    poses = ros.publisher(PoseStamped, "/inductrack/pose")
+    ros.wait(lambda: ros.node.count_publishers("/inductrack/lockstep/done"), "the controller's answers")
+
+    def pose(at: float, surge: float) -> None:
+        message = PoseStamped()
+        message.header.stamp = stamp_of(round(at * 1e9))
+        message.pose.position.x = surge
+        poses.publish(message)
+
+    def run(begin: float, place: float, count: int = 150) -> None:
+        """Poses at 15 m/s, each answered."""
+        for i in range(count):
+            answered = len(answers)
+            pose(begin + i / 500, place + 15.0 * i / 500)
+            ros.wait(lambda n=answered: len(answers) > n, "an answer")
+
+    run(100.0, 0.0)
+    assert sent
+    for wild in (math.nan, math.inf, -math.inf):
+        pose(100.6, wild)
+    for begin, place in ((2e9, 9.0), (-1e9, 9.0), (100.0, 1e300), (100.0, -1e18), (100.0, 50.0)):
+        pose(begin, place)
+    sent.clear()
+    run(200.0, 1000.0)
+    ros.wait(lambda: status.count("track_controller", "poses that cannot be") == 4, "the count of broken poses")
+    assert status.count("track_controller", "poses that jumped") >= 4
+    assert sent and all(200.0 < seconds(m) < 200.4 and 2 * 10000 < m.point.x < 2 * 10200 for m in sent)
+    assert controller.stop() == 0
+
+
+@pytest.mark.parametrize("name", ["record"])
+def test_a_subscriber_that_stalls_holds_nobody_up(ros, tmp_path, figure, name):
+    import signal
+
+    poses = ros.listen(PoseStamped, "/inductrack/pose")
+    status = Status(ros)
+    stalled = ros.start(name, "-o", str(tmp_path / "bag"))  # it listens to everything, and reliably
+    sim = ros.start("sim", "--ros-args", "-p", "publish_clock:=true")
+    ros.wait(lambda: ros.node.count_subscribers("/inductrack/pose") > 1 and len(poses) > 200, "poses")
+
+    def pace(real: float) -> float:
+        begin, first = time.monotonic(), seconds(poses[-1])
+        while time.monotonic() - begin < real:
+            ros.spin()
+        return (seconds(poses[-1]) - first) / (time.monotonic() - begin)
+
+    before = pace(1.0)
+    stalled.send(signal.SIGSTOP)
+    during = pace(2.0)
+    stalled.send(signal.SIGCONT)
+    figure("pace of simulated time while a subscriber stands still", f"{100 * during / before:.0f} %")
+    assert during > 0.5 * before
+    steps = {round((seconds(b) - seconds(a)) * 1e3) for a, b in zip(poses, poses[1:], strict=False)}
+    assert steps == {2}  # nothing lost for the others
+    assert status.of("sim").name and stalled.stop() == 0 and sim.stop() == 0
