@@ -342,13 +342,15 @@ def verdict(fit: Fit, profiles: Sequence[Profile]) -> str:
             if abs(e) >= 0.005
         )
         combination = f"What they fix best is {named}, to {_percent(max(along.best_std, 1e-6))}."
+    wrong = ""
     if fit.chance < IMPLAUSIBLE:
-        combination += f" The residuals are {math.sqrt(fit.misfit / fit.degrees):.2g} times what the stated noise allows: the model misses something or the measurements contradict each other, and the intervals are too narrow."
+        ratio = math.sqrt(fit.misfit / fit.degrees)
+        wrong = f"The model does not fit: the residuals are {ratio:.2g} times what the stated noise allows. It misses something, or the measurements contradict each other. "
     flat = [p for p in profiles if p.flat]
     if flat:
         names = [_SYMBOLS.get(p.name, p.name) for p in flat]
         names = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-        return f"The valley is flat: these data do not determine {names}. {combination}".strip()
+        return f"{wrong}The valley is flat: these data do not determine {names}. {combination}".strip()
     widths = ", ".join(
         f"{_SYMBOLS.get(p.name, p.name)} = {_rounded(p)}"
         + (f" ±{_percent(0.5 * (p.high - p.low) / abs(p.best))}" if p.best else "")
@@ -357,6 +359,8 @@ def verdict(fit: Fit, profiles: Sequence[Profile]) -> str:
     tied = ""
     if len(fit.values) > 1 and (r := np.abs(fit.correlation - np.eye(len(fit.values))).max()) > 0.9:
         tied = f" They are tied to each other (correlation {r:.3f})."
+    if wrong:
+        return f"{wrong}Its best values are {widths} (95 %, too narrow).{tied} {combination}".strip()
     return f"These data determine {widths} (95 %).{tied} {combination}".strip()
 
 

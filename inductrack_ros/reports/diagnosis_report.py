@@ -427,14 +427,14 @@ def _where(page: Page, rival: Rival) -> str:
         }
         layout = {
             "xaxis": {"type": "category", "title": by},
-            "yaxis": {"title": "part of the fall in χ², %"},
+            "yaxis": {"title": "share, %"},
             "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
         }
         label = f"Part of the evidence for {effect_name(rival.name)} by {by}"
         figures.append(page.figure(Figure([data], layout, label, 240, fixed=True)))
     return (
-        f"<h3>{text(effect_name(rival.name)[:1].upper() + effect_name(rival.name)[1:])}</h3><p>Which data ask for it: what only one run asks for is less certain "
-        f'than what all do.</p><div class="two">{"".join(figures)}</div>'
+        f"<h3>{text(effect_name(rival.name)[:1].upper() + effect_name(rival.name)[1:])}</h3><p>Which data ask for it, as shares of the fall in χ²: what only one run asks for is "
+        f'less certain than what all do.</p><div class="two">{"".join(figures)}</div>'
     )
 
 

@@ -4,6 +4,7 @@ const page = (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   const root = document.documentElement;
   const PAPER_WIDE = 720, PAPER_HALF = 350; // px between the margins of A4 or Letter
+  const NARROW = 560, CELL = 36; // px: a plot too narrow for buttons, a cell too narrow for its number
   const drawn = new Map(); // element → figure with colours by name, to be drawn again in another theme
 
   // An "@name" becomes the theme's colour of that name.
@@ -43,11 +44,17 @@ const page = (() => {
       ["xaxis", "yaxis", ...Object.keys(layout).filter((k) => /^[xy]axis\d+$/.test(k))].map((k) => [k, axis(layout[k] || {}, style)])
     );
     const config = {
-      displaylogo: false, responsive: true, displayModeBar: figure.fixed ? false : "hover",
+      displaylogo: false, responsive: true, displayModeBar: figure.fixed || element.clientWidth < NARROW ? false : "hover",
       modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]], // nothing that leaves this file
     };
     const whole = { ...base, ...(figure.fixed ? { dragmode: false } : {}), ...layout, ...axes, legend: { ...base.legend, ...layout.legend }, ...paper };
-    return Plotly.react(element, coloured(figure.data, style), whole, config);
+    return Plotly.react(element, figure.data.map((trace) => coloured(legible(trace, element.clientWidth), style)), whole, config);
+  }
+
+  // On a narrow screen the numbers of a heat map would run into each other; touching a cell still shows its own.
+  function legible(trace, width) {
+    if (trace.type !== "heatmap" || !trace.texttemplate || (0.75 * width) / trace.x.length > CELL) return trace;
+    return { ...trace, texttemplate: "" };
   }
 
   // Numbers packed by Python as 32-bit floats.
@@ -79,6 +86,11 @@ const page = (() => {
   });
 
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+  let width = innerWidth;
+  addEventListener("resize", () => {
+    if (innerWidth !== width) again(); // not when a phone hides its address bar
+    width = innerWidth;
+  });
   const folded = () => document.querySelectorAll("details:not([open])");
   let opened = [];
   addEventListener("beforeprint", () => {
