@@ -207,8 +207,11 @@ class Model:
         text = "".join(f"# {line}\n" for line in comment.splitlines())
         text += yaml.safe_dump({"/**": {"ros__parameters": nested}}, sort_keys=False, allow_unicode=True)
         aside = Path(path).with_name(Path(path).name + ".partial")
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
+        try:
+            aside.write_text(text, encoding="utf-8")
+            os.replace(aside, path)
+        finally:
+            aside.unlink(missing_ok=True)
 
     # -- what it is made of -------------------------------------------------------------------------------------
 
