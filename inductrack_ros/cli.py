@@ -273,6 +273,7 @@ def _compare(arguments: argparse.Namespace) -> None:
 
 def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     _campaign_arguments(parser)
+    parser.add_argument("--scheduler", metavar="tcp://…", help="do the refits on the workers of this dask scheduler (default: here)")
     parser.epilog = (
         "Fits the free parameters and every run's initial state, decides whether anything is missing, and if so which\n"
         "effect, how large, and what run would settle what these data leave open. A minute for a dozen runs.\n"
@@ -285,9 +286,10 @@ def _diagnose(arguments: argparse.Namespace) -> None:
     with output_folder(arguments.output, campaign.folder) as folder:
         from .diagnosis.diagnose import diagnose
         from .reports.diagnosis_report import diagnosis_report, verdict
+        from .workers import workers
 
-        with _progress() as tell:
-            result = diagnose(campaign, model, tell)
+        with _progress() as tell, workers(arguments.scheduler) as hands:
+            result = diagnose(campaign, model, tell, hands)
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result), encoding="utf-8")
     print(verdict(result))

@@ -17,6 +17,7 @@ from ..estimation import noise
 from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.problem import Problem
 from ..estimation.structure import Structure
+from ..workers import Cluster, Threads
 from . import support
 from .experiment import propose
 from .gate import Gate
@@ -39,22 +40,24 @@ PREFER_KNOWN = 0.8
 LEFT_OUT = 4
 
 
-def diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None] = lambda _: None) -> Diagnosis:
+def diagnose(
+    campaign: Campaign, model: Model, tell: Callable[[str], None] = lambda _: None, workers: Threads | Cluster | None = None
+) -> Diagnosis:
     """Diagnose a campaign against a model, whose effects (if any) are kept and refitted.
 
-    ``tell`` hears what is being tried. Raises `InputError` for a campaign that cannot be fitted at all.
+    ``tell`` hears what is being tried; ``workers`` do the refits. Raises `InputError` for a campaign that cannot be fitted at all.
     """
     with threadpool_limits(1, "blas"):  # the threads are ours: many small matrices at once
-        return _diagnose(campaign, model, tell)
+        return _diagnose(campaign, model, tell, workers)
 
 
-def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None]) -> Diagnosis:
+def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], workers: Threads | Cluster | None) -> Diagnosis:
     began = time.monotonic()
     notes = support.inspect(campaign)
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model)
     notes += support.undetermined(undetermined, base)
-    search = Search(problem, base, tell)
+    search = Search(problem, base, tell, workers)
     root = search.trials[frozenset(base.structure.effects)]
     gate = search.gate(root)
     try:

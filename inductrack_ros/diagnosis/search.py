@@ -7,13 +7,13 @@ the best), so that two effects are found even where the best single one is neith
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..estimation.fit import Fit, fit
 from ..estimation.problem import Linearisation, Problem
+from ..workers import Cluster, Threads
 from .candidates import Screened, effect_columns, screen
 from .gate import Gate, Projector, check
 from .signatures import responses
@@ -38,10 +38,11 @@ class Trial:
 
 
 class Search:
-    """Refits over one campaign, each set of effects once."""
+    """Refits over one campaign, each set of effects once; candidates are spread over ``workers``."""
 
-    def __init__(self, problem: Problem, base: Fit, tell: Callable[[str], None] = lambda _: None):
+    def __init__(self, problem: Problem, base: Fit, tell: Callable[[str], None] = lambda _: None, workers: Threads | Cluster | None = None):
         self.problem, self.base, self.tell = problem, base, tell
+        self.workers = workers or Threads(problem.threads)
         self.single = problem.subset(range(len(problem.runs)))
         self.single.threads = 1  # candidates are spread over the threads instead of runs
         self.trials: dict[frozenset[str], Trial] = {frozenset(base.structure.effects): Trial(base, base.structure.effects, True)}
@@ -49,6 +50,9 @@ class Search:
         self.gates: dict[frozenset[str], Gate] = {}
         self.looked: dict[frozenset[str], Trial] = {}
         self.grown: set[frozenset[str]] = set()
+
+    def __reduce__(self):
+        return Search, (self.problem, self.base)  # all that a refit elsewhere needs
 
     def screened(self, trial: Trial) -> list[Screened]:
         """Candidates' standing at a trial's fit."""
@@ -93,13 +97,8 @@ class Search:
         return sorted(found, key=lambda t: t.chi2)
 
     def map(self, task: Callable, items: Sequence) -> list:
-        """``task`` of every item, over the threads."""
-        with ThreadPoolExecutor(self.problem.threads) as pool:
-            try:
-                return list(pool.map(task, items))
-            except KeyboardInterrupt:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        """``task`` of every item, over the workers."""
+        return self.workers.map(task, items)
 
     def keep(self, trial: Trial) -> None:
         """Remember a trial, the better of two with the same effects."""

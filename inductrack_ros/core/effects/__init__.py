@@ -146,7 +146,7 @@ def load_effects(files: Iterable[str | Path] = ()) -> dict[str, Effect]:
     """
     found = catalogue()
     for given in files:
-        items = [item for item in _effects_in(_run_file(given)) if item is not _catalogue().get(item.name)]
+        items = [item for item in _effects_in(run_file(given)) if item is not _catalogue().get(item.name)]
         if not items:
             raise InputError(f"effect file {given}: no @effect function in it; see docs/effects.md for the ten lines it takes")
         for item in items:
@@ -156,11 +156,19 @@ def load_effects(files: Iterable[str | Path] = ()) -> dict[str, Effect]:
     return found
 
 
-def _run_file(given: str | Path) -> types.ModuleType:
-    """The module a user's file makes; one for each content, so that an edited file is a new module."""
+_shipped: dict[str, bytes] = {}
+
+
+def use_shipped(files: Mapping[str, bytes]) -> None:
+    """From now on take these for the contents of effect files: a machine that works for another need not have them."""
+    _shipped.update(files)
+
+
+def run_file(given: str | Path) -> types.ModuleType:
+    """The module a user's file makes, its text in ``content``; one for each text, so that an edited file is a new module."""
     try:
         path = Path(given).expanduser().resolve()
-        content = path.read_bytes()
+        content = _shipped[str(given)] if str(given) in _shipped else path.read_bytes()
     except (OSError, ValueError, RuntimeError) as error:
         problem = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({type(error).__name__})"
         raise InputError(f"effect file {given}: {problem}; give the path of a Python file with @effect functions") from error
@@ -168,7 +176,7 @@ def _run_file(given: str | Path) -> types.ModuleType:
     if name in sys.modules:
         return sys.modules[name]
     module = sys.modules[name] = types.ModuleType(name)
-    module.__file__ = str(path)
+    module.__file__, module.content = str(path), content
     try:
         exec(compile(content, str(path), "exec"), vars(module))  # not an import: that could be from a stale .pyc
     except (Exception, SystemExit) as error:  # whatever the user's code raises is the user's to read

@@ -1,0 +1,152 @@
+"""Where independent work is done: threads of this machine, or workers of a dask cluster that the user already has.
+
+Both are a `map` that returns results in order, the same to the last bit: a task is a pure function of what it is given,
+small matrices are never split over threads, and a worker of another version is refused. dask runs the tasks of a worker
+that dies again on another.
+"""
+
+from __future__ import annotations
+
+import copyreg
+import functools
+import hashlib
+import os
+import pickle
+import platform
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from .core.effects import run_file, use_shipped
+from .core.errors import InputError
+from .core.model import Model
+
+#: How long (s) to look for a scheduler.
+PATIENCE = 10.0
+#: How often a task may meet a dying worker before it is taken for the cause.
+DEATHS = 10
+
+
+class Threads:
+    """The threads of this machine, all of them unless ``count`` says otherwise."""
+
+    def __init__(self, count: int | None = None):
+        self.count = count or os.cpu_count() or 1
+
+    def map(self, task: Callable, items: Sequence) -> list:
+        """``task`` of every item, in order. Compiled simulations release the interpreter, so threads do run at once."""
+        with ThreadPoolExecutor(self.count) as pool:
+            try:
+                return list(pool.map(task, items))
+            except KeyboardInterrupt:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+
+class Cluster:
+    """The workers of a dask scheduler; ``client`` is a `dask.distributed.Client`."""
+
+    def __init__(self, client):
+        self.client = client
+
+    def map(self, task: Callable, items: Sequence) -> list:
+        """``task`` of every item, in order. What the task refers to travels with it, users' effect files included."""
+        from dask.distributed import KilledWorker
+
+        with threadpool_limits(1, "blas"), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Sending large graph")  # a campaign is ten megabytes
+            sent = self.client.submit(_same, _pack(task), pure=False)  # a result, not data: made again if its worker dies
+            futures = self.client.map(_work, [_pack(i) for i in items], task=sent, here=_versions(), pure=False)
+            try:
+                return [pickle.loads(packed) for packed in self.client.gather(futures)]
+            except KilledWorker as error:
+                raise InputError(f"the cluster: a task outlived {DEATHS} workers; is there enough memory on each? ({error})") from error
+            except BaseException:  # also Ctrl-C: nothing goes on in the background
+                self.client.cancel(futures)
+                raise
+
+
+@contextmanager
+def workers(scheduler: str | None = None) -> Iterator[Threads | Cluster]:
+    """This machine's threads, or with a ``scheduler``'s address (``tcp://…``) its workers. Raises `InputError`."""
+    if not scheduler:
+        yield Threads()
+        return
+    try:
+        import dask
+        from dask.distributed import Client
+    except ImportError as error:
+        raise InputError("--scheduler needs dask: pip install 'inductrack_ros[cluster]'") from error
+    with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS}):
+        try:
+            client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(f"--scheduler {scheduler}: nothing answers there; start one with 'dask scheduler' and give the address it prints") from error
+    with client:
+        yield Cluster(client)
+
+
+# -- on the workers ---------------------------------------------------------------------------------------------------
+
+
+def _same(packed: bytes) -> bytes:
+    return packed
+
+
+def _work(packed: bytes, task: bytes, here: tuple) -> bytes:
+    """Run one task on a worker. Everything is packed by us, so that dask's own serialisation has no say in the bits."""
+    if _versions() != here:
+        differing = [f"{a} there, {b} here" for a, b in zip(_versions(), here, strict=True) if a != b]
+        raise InputError(f"worker on {platform.node()}: {'; '.join(differing)}; install the same on all machines")
+    _begin_work()
+    return _pack(_unpacked(task)(pickle.loads(packed)))
+
+
+_at_work: list[bool] = []  # not empty in a worker's process
+
+
+@functools.cache
+def _begin_work() -> None:
+    _at_work.append(True)
+    threadpool_limits(1, "blas")  # for good: taken back in one thread it would be gone in all
+
+
+@functools.lru_cache(maxsize=1)
+def _unpacked(task: bytes) -> Callable:
+    return pickle.loads(task)
+
+
+def _pack(value: object) -> bytes:
+    import cloudpickle
+
+    return cloudpickle.dumps(value)
+
+
+@functools.cache
+def _versions() -> tuple[str, ...]:
+    """What has a say in the bits: the sources of this package and the versions of what computes."""
+    sources = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        sources.update(path.read_bytes())
+    packages = [f"{name} {version(name)}" for name in ("numpy", "scipy", "numba")]
+    return f"inductrack_ros sources {sources.hexdigest()[:12]}", f"Python {platform.python_version()}", platform.machine(), *packages
+
+
+def _restore(fields: tuple, files: dict[str, bytes]) -> Model:
+    if _at_work:  # at home the files themselves count, which may have been edited since
+        use_shipped(files)
+    return Model(*fields)
+
+
+def _reduce(model: Model) -> tuple:
+    """A model as its five fields and the text of its effect files; what is compiled is compiled again, or is in the cache."""
+    files = {f: run_file(f).content for f in model.effect_files}
+    return _restore, ((dict(model.parameters), dict(model.effects), model.dof, model.drive, model.effect_files), files)
+
+
+copyreg.pickle(Model, _reduce)
