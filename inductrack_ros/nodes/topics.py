@@ -25,7 +25,8 @@ try:
 except ImportError:  # not among the PyPI wheels
     TFMessage = None
 
-DEPTH = 1000  # so that a recorder may be busy for a second
+DEPTH = 1000
+TICK_DEPTH = 10_000  # of what is published at every tick: a recorder that stands still for seconds loses nothing
 NEWTON_METRES = 0.002  # length of a force arrow in m per N
 _COLOURS = {"lift": (0.1, 0.5, 1.0), "drag": (1.0, 0.3, 0.1), "thrust": (0.1, 0.8, 0.2), "total": (0.1, 0.1, 0.1)}
 _OTHER_COLOUR = (0.6, 0.2, 0.8)
@@ -70,18 +71,17 @@ class SimulatorTopics:
         self, node: Node, effects: Iterable[str], track_frame: str, cradle_frame: str, clock: bool, reliability: str
     ) -> None:
         reliable = ReliabilityPolicy.RELIABLE if reliability == "reliable" else ReliabilityPolicy.BEST_EFFORT
-        qos = QoSProfile(depth=DEPTH, reliability=reliable)
 
-        def publisher(kind: type, name: str):
-            return node.create_publisher(kind, name, qos)
+        def publisher(kind: type, name: str, depth: int = DEPTH):
+            return node.create_publisher(kind, name, QoSProfile(depth=depth, reliability=reliable))
 
         self._node = node
         self._messages: dict[tuple[type, str], object] = {}
         self._frames = track_frame, cradle_frame
         self._clock = publisher(Clock, "/clock") if clock else None
         self._tf = publisher(TFMessage, "/tf") if TFMessage else None
-        self._pose = publisher(PoseStamped, "pose")
-        self._twist = publisher(TwistStamped, "twist")
+        self._pose = publisher(PoseStamped, "pose", TICK_DEPTH)
+        self._twist = publisher(TwistStamped, "twist", TICK_DEPTH)
         self._odometry = publisher(Odometry, "odometry")
         self._gaps = {gap: publisher(Range, gap) for gap in GAPS}
         parts = ("lift", "slip", "drag", "thrust", "contact", "weight", *effects, "total")
@@ -90,7 +90,7 @@ class SimulatorTopics:
         self._scene = publisher(MarkerArray, "scene")
         self._fired = publisher(PointStamped, "fired_pulses")
         kinds = {"pose": PoseStamped, "twist": TwistStamped, "imu": Imu, **dict.fromkeys(GAPS, Range)}
-        self._measured = {name: publisher(kinds[name], f"measured/{name}") for name in SENSORS}
+        self._measured = {name: publisher(kinds[name], f"measured/{name}", TICK_DEPTH) for name in SENSORS}
 
     def _blank(self, kind: type, stamp: Time, frame: str | None = None):
         """The one message of this type and frame, to be filled and published: making one takes longer than filling it."""
