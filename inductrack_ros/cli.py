@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .core.errors import InputError
+from .progress import progress
 
 if TYPE_CHECKING:
     from .core.model import Model
@@ -57,8 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         place = f"{error.filename}: " if error.filename else ""
         print(f"{who}: {place}{error.strerror or error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(f"{who}: interrupted; nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as error:  # with what was kept, where anything was
+        print(f"{who}: interrupted; {str(error) or 'nothing was written'}", file=sys.stderr)
         return 130
     return 0
 
@@ -261,7 +262,9 @@ def _compare(arguments: argparse.Namespace) -> None:
         from .compare import compare, write_results
         from .reports.compare_report import compare_report, verdict
 
-        result = compare(campaign, model)
+        with progress() as tell:
+            tell(f"predicting {len(campaign.runs)} runs from their start, and from anew every 0.2 s")
+            result = compare(campaign, model)
         write_results(result, folder)
         (folder / "report.html").write_text(compare_report(result), encoding="utf-8")
     print(verdict(result))
@@ -276,7 +279,8 @@ def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scheduler", metavar="tcp://…", help="do the refits on the workers of this dask scheduler (default: here)")
     parser.epilog = (
         "Fits the free parameters and every run's initial state, decides whether anything is missing, and if so which\n"
-        "effect, how large, and what run would settle what these data leave open. A minute for a dozen runs.\n"
+        "effect, how large, and what run would settle what these data leave open. A minute for a dozen runs; Ctrl-C\n"
+        "while it searches reports what was found until then.\n"
         "Writes report.html, diagnosis.json and model.yaml, the improved model."
     )
 
@@ -288,14 +292,16 @@ def _diagnose(arguments: argparse.Namespace) -> None:
         from .reports.diagnosis_report import diagnosis_report, verdict
         from .workers import workers
 
-        with _progress() as tell, workers(arguments.scheduler) as hands:
+        with progress() as tell, workers(arguments.scheduler) as hands:
             result = diagnose(campaign, model, tell, hands)
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result), encoding="utf-8")
     print(verdict(result))
-    if result.next_experiment:
+    if result.next_experiment and not result.interrupted:
         print(f"Next experiment: {result.next_experiment}")
     print(f"{Path(arguments.output) / 'report.html'}")
+    if result.interrupted:
+        raise KeyboardInterrupt(f"what was found until then was kept in {arguments.output}")
 
 
 # ---------------------------------------------------------------- add
@@ -318,25 +324,12 @@ def _add(arguments: argparse.Namespace) -> None:
         from .diagnosis.add import add_effect
         from .reports.diagnosis_report import addition, diagnosis_report
 
-        with _progress() as tell:
+        with progress() as tell:
             result = add_effect(campaign, model, arguments.effect, tell)
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result, addition(result)), encoding="utf-8")
     print(addition(result))
     print(f"{Path(arguments.output) / 'report.html'}")
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """What is being tried, on one line of a terminal that is gone when it is done; nothing where nobody watches."""
-    if not sys.stderr.isatty():
-        yield lambda _: None
-        return
-    width = shutil.get_terminal_size().columns - 1
-    try:
-        yield lambda words: print(f"\r\x1b[2K{words[:width]}", end="", file=sys.stderr, flush=True)
-    finally:
-        print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
 
 # ---------------------------------------------------------------- the table

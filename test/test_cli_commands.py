@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import pty
+import re
 import signal
 import subprocess
 import sys
@@ -258,3 +261,28 @@ def test_diagnose_writes_the_contract(tmp_path, dragged, capsys):
     comparison = tmp_path / "comparison"
     assert cli.main(["compare", str(dragged), "--model", str(out / "model.yaml"), "--output", str(comparison)]) == 0
     assert json.loads((comparison / "comparison.json").read_text())["error_over_noise"] < 1.1
+
+
+def test_long_work_says_what_it_does_and_what_was_kept(tmp_path):
+    """On a terminal: a line of what is being done; after Ctrl-C in the search, what was found until then."""
+    campaign = Path(__file__).parent / "data" / "practice" / "p3_coast"
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ["COLUMNS"] = "100"
+        os.execv(sys.executable, [sys.executable, "-m", "inductrack_ros.cli", "diagnose", str(campaign), "--output", str(tmp_path / "out")])
+    said, interrupted = b"", False
+    with contextlib.suppress(OSError):  # how Linux says that the other end is closed
+        while piece := os.read(terminal, 4096):
+            said += piece
+            if b"drag" in said and not interrupted:  # an effect is being tried
+                interrupted = os.write(terminal, b"\x03") == 1
+    _, status = os.waitpid(pid, 0)
+    assert os.waitstatus_to_exitcode(status) == 130, said.decode()
+    lines = said.decode().replace("\r", "\n").replace("\x1b[2K", "").split("\n")
+    lines = [line for line in lines if line]
+    assert any(re.match(r"\[ +\d+ s\] fitting what is known", line) for line in lines)
+    assert lines[-1] == f"inductrack diagnose: interrupted; what was found until then was kept in {tmp_path / 'out'}"
+    result = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert any(note.startswith("interrupted") for note in result["notes"])
+    assert "Interrupted while searching. Best found until then" in (tmp_path / "out" / "report.html").read_text()
+    assert Model.load(tmp_path / "out" / "model.yaml").parameters["eta"] != 0.7295

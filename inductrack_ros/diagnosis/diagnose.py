@@ -21,7 +21,7 @@ from ..workers import Cluster, Threads
 from . import support
 from .experiment import propose
 from .gate import Gate
-from .result import Diagnosis, Limit, Rival, RunTraces, Step, Unknown
+from .result import INTERRUPTED, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
 from .search import BEAM, QUICK_FIRST, QUICK_LATER, Search, Trial
 from .signatures import VARIABLES
 from .unknown import penalised, stand_ins
@@ -66,7 +66,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
         tell("interrupted: reporting what was found so far")
         chosen = search.finish(min(search.trials.values(), key=lambda t: penalised(search, t)))
         found_gate = search.gate(chosen)
-        notes.append("interrupted before the search was over: this is the best set found until then")
+        notes.append(INTERRUPTED)
     if len(chosen.names) > len(root.names) + 1:
         chosen = _prune(search, chosen)
         better = _exchanged(search, chosen)

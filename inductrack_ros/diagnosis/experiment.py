@@ -131,7 +131,7 @@ def _look_closer(unknown: Unknown) -> str:
         on = np.abs(unknown.force) > 0.2 * np.abs(unknown.force).max()
         where = f" between {unknown.at[on].min():.3g} and {unknown.at[on].max():.3g}" if on.any() else ""
     if variable == "surge":
-        return f"coast slowly and at two further speeds over the track{where} m, with gaps recorded: what depends on the place alone repeats there at every speed"
+        return f"coast slowly and at two further speeds over the track{where + ' m' if where else ''}, with gaps recorded: what depends on the place alone repeats there at every speed"
     if variable == "time":
         return "repeat one run after a pause and once again at another place: what depends on time alone follows the clock, not the track"
     return f"runs that cover {variable}{where} (SI) slowly and quickly, driven and coasting: what depends on {variable} alone repeats there"

@@ -87,6 +87,9 @@ class RunTraces:
     predicted: Mapping[tuple[str, ...], Mapping[str, np.ndarray]]
 
 
+INTERRUPTED = "interrupted before the search was over: this is the best set found until then"
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """Everything a diagnosis found; see /campaign/ in the docs for the JSON."""
@@ -110,6 +113,11 @@ class Diagnosis:
     traces: tuple[RunTraces, ...] = ()
     separation: Mapping[str, float] = field(default_factory=dict)
     seconds: float = 0.0
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the search was broken off: what was found is then only the best until then."""
+        return INTERRUPTED in self.notes
 
     def to_json(self) -> dict[str, Any]:
         """The content of ``diagnosis.json``: the contract's keys, and beside them notes, limits, rivals and noise."""

@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ..data import load_campaign
     from ..estimation.identify import Identification, verdict
     from ..estimation.misfits import DURATION, JointMisfit, SeriesMisfit, TravelMisfit, read_travels
+    from ..progress import progress
     from .fit_page import FitReport, render, results
     from .output import write_files
 
@@ -107,8 +108,13 @@ def run(arguments: argparse.Namespace) -> None:
     parts = [p for p in (travel, series) if p is not None]
     start = series.start if series is not None else [_value(model, n) for n in free]
     question = Identification(parts[0] if len(parts) == 1 else JointMisfit(parts), start)
-    fit = question.fit()
-    profiles = [question.profile(fit, name) for name in free]
+    with progress() as tell:
+        tell("least squares, then Nelder–Mead from the same start")
+        fit = question.fit()
+        profiles = []
+        for name in free:
+            tell(f"profile likelihood of {name}")
+            profiles.append(question.profile(fit, name))
     report = FitReport(
         fit, profiles, verdict(fit, profiles), travels, campaign.name if campaign else "", travel, series
     )
