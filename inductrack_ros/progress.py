@@ -1,0 +1,30 @@
+"""What long work says of itself while somebody watches."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+
+@contextlib.contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """A function that shows what is being done, and since when, on one line of the terminal, which is gone at the end.
+
+    Where nobody watches (standard error is no terminal) it says nothing.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    began, width = time.monotonic(), shutil.get_terminal_size().columns - 1
+
+    def tell(words: str) -> None:
+        line = f"[{time.monotonic() - began:3.0f} s] {words}"
+        print(f"\r\x1b[2K{line[:width]}", end="", file=sys.stderr, flush=True)
+
+    try:
+        yield tell
+    finally:
+        print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
