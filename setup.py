@@ -38,9 +38,9 @@ setup(
             "ros-std-srvs==5.3.6",
             "ros-rosgraph-msgs==2.0.3",
         ],
-        "test": ["pytest", "hypothesis", "import-linter", "colcon-common-extensions"],
+        "test": ["pytest", "hypothesis", "import-linter", "colcon-common-extensions", "dask[distributed]"],
         "cluster": ["dask[distributed]"],
-        "benchmark": ["pysindy>=2.1"],
+        "benchmark": ["pysindy>=2.1", "casadi", "scikit-sundae"],
     },
     zip_safe=True,
     entry_points={

@@ -101,8 +101,8 @@ def _same(packed: bytes) -> bytes:
 def _work(packed: bytes, task: bytes, here: tuple) -> bytes:
     """Run one task on a worker. Everything is packed by us, so that dask's own serialisation has no say in the bits."""
     if _versions() != here:
-        differing = [f"{a} there, {b} here" for a, b in zip(_versions(), here, strict=True) if a != b]
-        raise InputError(f"worker on {platform.node()}: {'; '.join(differing)}; install the same on all machines")
+        differing = [f"{b} here" for b in here if b not in _versions()]
+        raise InputError(f"worker on {platform.node()}: {'; '.join(differing)}, not there; install the same on all machines")
     _begin_work()
     return _pack(_unpacked(task)(pickle.loads(packed)))
 

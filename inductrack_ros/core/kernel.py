@@ -8,6 +8,7 @@ disk under a hash of everything that went in, so a changed effect is a new modul
 from __future__ import annotations
 
 import ast
+import contextlib
 import hashlib
 import importlib.util
 import inspect
@@ -17,6 +18,7 @@ import re
 import shutil
 import sys
 import tempfile
+import time
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -41,6 +43,9 @@ QUANTITIES = (
 )  # fmt: skip
 #: Longest free step over the field's time scale, and contact step over the contact's: set by the golden trajectories.
 FREE_STEP, CONTACT_STEP = 0.14, 0.4
+#: Compiled kernels unused for so long are thrown away when a new one is compiled.
+KEPT_DAYS = 90
+_MODULE = "inductrack_kernel.py"
 
 _FLAGS = ("averaged", "touching_top", "touching_right", "touching_left")
 _MOMENT = ("time", "travel", "pulse_current", "averaged", "touching_top", "touching_right", "touching_left")
@@ -234,19 +239,30 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
 
 def cache_folder() -> Path:
     """Where compiled kernels are kept: ``$INDUCTRACK_CACHE``, else the user's cache folder, else a temporary one."""
+    temporary = Path(tempfile.gettempdir()) / f"inductrack_ros-{os.getuid()}"
     for folder in (
         os.environ.get("INDUCTRACK_CACHE"),
         Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "inductrack_ros",
-        Path(tempfile.gettempdir()) / f"inductrack_ros-{os.getuid()}",
+        temporary,
     ):
         if folder:
             try:
-                Path(folder).mkdir(parents=True, exist_ok=True)
+                Path(folder).mkdir(0o700, parents=True, exist_ok=True)
+                if folder == temporary and (folder.is_symlink() or folder.stat().st_uid != os.getuid()):
+                    continue  # anybody may make a folder there, and what is in it would be run
                 with tempfile.TemporaryFile(dir=folder):
                     return Path(folder)
             except OSError:
                 continue
     raise InputError("no folder to keep compiled code in; set INDUCTRACK_CACHE to one that can be written")
+
+
+def prune(folder: Path) -> None:
+    """Drop kernels that nobody has loaded for `KEPT_DAYS`."""
+    for path in folder.glob(f"*/{_MODULE}"):
+        with contextlib.suppress(OSError):  # another process may be at it
+            if path.stat().st_mtime < time.time() - KEPT_DAYS * 86400:
+                shutil.rmtree(path.parent)
 
 
 _kernels: dict[str, Kernel] = {}
@@ -283,13 +299,16 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
         return _kernels[key]
 
     folder = cache_folder() / key
-    path = folder / "inductrack_kernel.py"
+    path = folder / _MODULE
     fresh = not path.exists()
+    with contextlib.suppress(OSError):
+        os.utime(path)  # what is used is kept
     if fresh:  # written aside and renamed, for two processes may start at once
         folder.mkdir(exist_ok=True)
         aside = folder / f"kernel.{os.getpid()}.tmp"
         aside.write_text(text)
         os.replace(aside, path)
+        prune(folder.parent)
     name = f"inductrack_kernel_{key}"
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)

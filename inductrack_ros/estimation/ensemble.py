@@ -1,0 +1,57 @@
+"""Many runs of one model, each with parameters and a start of its own, on all cores or on a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..core.errors import InputError, did_you_mean
+from ..core.model import Model
+from ..core.state import OUTPUTS
+from ..workers import Cluster, Threads
+
+#: Runs in one task: a few milliseconds of work.
+CHUNK = 25
+
+
+def ensemble(
+    model: Model,
+    times: np.ndarray,
+    states: np.ndarray,
+    parameters: Mapping[str, np.ndarray] | None = None,
+    workers: Threads | Cluster | None = None,
+) -> np.ndarray:
+    """Outputs (runs, n, 15), columns as in `state.OUTPUTS`, of runs by the averaged drive through ``times`` (n,), rising.
+
+    ``states`` (runs, 8) are where they start, at the first of ``times``; ``parameters`` maps full names (``eta``,
+    ``drive_current``, ``viscous_drag.coefficient``) to (runs,). Each row is what `Model.simulate` gives for it. A run
+    that leaves all bounds ends in NaN rows. Raises `InputError` for a name or a shape that does not fit.
+    """
+    times, states = np.ascontiguousarray(times, float), np.atleast_2d(np.asarray(states, float))
+    if states.shape[1] != 8 or times.ndim != 1 or times.size == 0 or not (np.diff(times) >= 0).all():
+        raise InputError(f"ensemble: states must be (runs, 8) and times rising, got shapes {states.shape} and {times.shape}")
+    if model.drive != "averaged":
+        raise InputError("ensemble: only for drive: averaged; simulate runs by pulses one by one")
+    columns = {name: model.kernel.parameters.index(name) for name in parameters or {} if name in model.kernel.parameters}
+    for name, values in (parameters or {}).items():
+        if name not in columns:
+            raise InputError(f"ensemble: unknown parameter '{name}'{did_you_mean(name, model.kernel.parameters)}")
+        if np.shape(values) != (len(states),):
+            raise InputError(f"ensemble: {name} has shape {np.shape(values)}; give one value for each of the {len(states)} runs")
+
+    def task(rows: slice) -> np.ndarray:
+        x = states[rows]
+        P = np.tile(model.vector, (len(x), 1))
+        for name, column in columns.items():
+            P[:, column] = parameters[name][rows]
+        full = np.array([model.with_effect_states(s, times[0], p) for s, p in zip(x, P, strict=True)])
+        out = np.empty((len(x), times.size, len(OUTPUTS)))
+        on, none = np.tile(model.switches, (len(x), 1)), np.empty(0)
+        model.kernel.simulate_batch(
+            times, times[0], full, P, on, model.moving, np.ascontiguousarray(x[:, 0]), True, none, none, none, 1.0, out
+        )
+        return out
+
+    rows = [slice(i, i + CHUNK) for i in range(0, len(states), CHUNK)]
+    return np.concatenate((workers or Threads()).map(task, rows))

@@ -1,0 +1,51 @@
+"""Where compiled code is kept: not for ever, and not where somebody else could have put it.
+
+That an edited effect is never served stale is in test_core_user_effects.py.
+"""
+
+import os
+import time
+
+import pytest
+
+from inductrack_ros.core import kernel
+from inductrack_ros.core.errors import InputError
+
+
+def test_kernels_nobody_uses_are_dropped(tmp_path):
+    for name, age in (("old", kernel.KEPT_DAYS + 1), ("young", kernel.KEPT_DAYS - 1)):
+        (tmp_path / name / "__pycache__").mkdir(parents=True)
+        module = tmp_path / name / "inductrack_kernel.py"
+        module.write_text("")
+        os.utime(module, (then := time.time() - age * 86400, then))
+    (tmp_path / "not_ours").mkdir()
+    kernel.prune(tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["not_ours", "young"]
+
+
+def test_a_kernel_in_use_is_young(tmp_path, monkeypatch):
+    monkeypatch.setenv("INDUCTRACK_CACHE", str(tmp_path))
+    monkeypatch.setattr(kernel, "_warm_up", lambda kernel: None)
+    monkeypatch.setattr(kernel, "_kernels", {})
+    kernel._build([], None)
+    (module,) = tmp_path.glob("*/inductrack_kernel.py")
+    os.utime(module, (0, 0))
+    kernel._kernels.clear()
+    kernel._build([], None)
+    assert module.stat().st_mtime > time.time() - 3600
+
+
+def test_a_temporary_folder_of_somebody_else_is_not_used(tmp_path, monkeypatch):
+    """The fallback's name can be guessed, so another user may have made it, with code in it."""
+    monkeypatch.delenv("INDUCTRACK_CACHE", raising=False)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))  # no folder can be made there
+    monkeypatch.setattr(kernel.tempfile, "gettempdir", lambda: str(tmp_path))
+    mine = kernel.cache_folder()
+    assert mine.parent == tmp_path
+    assert mine.stat().st_mode & 0o077 == 0
+    user = os.getuid()
+    mine.rename(tmp_path / f"inductrack_ros-{user + 1}")
+    monkeypatch.setattr(os, "getuid", lambda: user + 1)  # now it is another's
+    with pytest.raises(InputError, match="no folder to keep compiled code in"):
+        kernel.cache_folder()
