@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from inductrack_ros.nodes.domain import claim_domain
 
@@ -21,6 +22,8 @@ os.environ["ROS_LOG_DIR"] = tempfile.mkdtemp(prefix="inductrack_ros_log_")
 os.environ["PYTHONUNBUFFERED"] = "1"
 # A shell that starts the tests in the background has them ignore Ctrl-C, and what they start would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+settings.register_profile("nightly")  # `make fuzz`; test_fuzz.py says how much more that is
 
 PATIENCE = 120.0  # s; how long a condition is awaited on a busy machine before a test fails
 

@@ -163,59 +163,6 @@ def test_save_is_what_ros_reads(tmp_path):
     assert [f.name for f in tmp_path.iterdir() if f.suffix != ".yaml"] == []  # nothing half-written is left
 
 
-# -- anything at all ------------------------------------------------------------------------------------------------
-
-WORDS = st.sampled_from(
-    [*PARAMETERS, "dof", "drive", "effects", "effect_files", "ros__parameters", "/**", "viscous_drag", "sensor_delay:heave",
-     "viscous_drag.coefficient", "coefficient", "", ".", "..", "a.b.c", "stand_in_heave.values"]
-)  # fmt: skip
-SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.dates() | st.binary(max_size=3) | WORDS | st.text(max_size=5)
-TREES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS | SCALARS, inner, max_size=4), max_leaves=12)
-
-
-def load_or_refuse(path):
-    """A model, or one line."""
-    try:
-        assert isinstance(Model.load(path), Model)
-    except InputError as error:
-        assert "\n" not in str(error)
-
-
-@settings(QUICK, max_examples=300)
-@given(tree=st.dictionaries(WORDS, TREES, max_size=4) | TREES)
-def test_any_tree_is_a_model_or_one_line(tmp_path, tree):
-    path = tmp_path / "tree.yaml"
-    path.write_text(yaml.safe_dump(tree, allow_unicode=True), encoding="utf-8")
-    load_or_refuse(path)
-
-
-@settings(QUICK, max_examples=200)
-@given(text=st.text(st.characters(codec="utf-8"), max_size=60) | st.text("{}[]:,-?&*!|>'\"#%@` \n\tab1.e", max_size=40))
-@example("!!timestamp x")
-@example("!!int x")
-@example("!!float x")
-@example("!!bool x")
-@example("=")
-@example("<<: {<<: 1}")
-@example("? !!set {a}\n: 1")
-@example("!!omap [1]")
-@example("mass: 1:20")
-@example("%YAML 9.9\n---\nmass: 1")
-@example("--- {mass: 1}\n--- {mass: 1}")
-def test_any_text_is_a_model_or_one_line(tmp_path, text):
-    path = tmp_path / "text.yaml"
-    path.write_text(text, encoding="utf-8")
-    load_or_refuse(path)
-
-
-@settings(QUICK, max_examples=100)
-@given(data=st.binary(max_size=60))
-def test_any_bytes_are_a_model_or_one_line(tmp_path, data):
-    path = tmp_path / "bytes.yaml"
-    path.write_bytes(data)
-    load_or_refuse(path)
-
-
 # -- calls ----------------------------------------------------------------------------------------------------------
 
 

@@ -4,8 +4,6 @@ import os
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -298,43 +296,3 @@ def test_a_bag_that_was_cut_off(whole, tmp_path, part):
         read_bag(cut)
     with pytest.raises(InputError):
         read_bag(cut / storage.name)
-
-
-quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-def outcome(path):
-    try:
-        run = read_bag(path)
-    except InputError as error:
-        assert "\n" not in str(error)
-    else:
-        assert run.values.shape == (len(run.times), len(run.channels))
-        assert (np.diff(run.stamps) > 0).all()
-
-
-@quick
-@given(content=st.binary(max_size=300), suffix=st.sampled_from([".mcap", ".db3"]), magic=st.booleans())
-def test_any_bytes_give_a_run_or_an_input_error(tmp_path, content, suffix, magic):
-    file = tmp_path / f"bag{suffix}"
-    start = {".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}[suffix] if magic else b""
-    file.write_bytes(start + content)
-    outcome(file)
-
-
-@quick
-@given(data=st.data())
-def test_a_few_wrong_bytes_give_a_run_or_an_input_error(whole, tmp_path, data):
-    content = bytearray(whole[1].read_bytes())
-    for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=5)):
-        content[place] = data.draw(st.integers(0, 255))
-    file = tmp_path / whole[1].name
-    file.write_bytes(content)
-    outcome(file)
-
-
-@quick
-@given(content=st.binary(max_size=100) | st.text(alphabet="rosbag2_infmtv: \n-[]{}019", max_size=100).map(str.encode))
-def test_any_metadata_gives_a_run_or_an_input_error(tmp_path, content):
-    (tmp_path / "metadata.yaml").write_bytes(content)
-    outcome(tmp_path)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.state import STATES
@@ -185,40 +183,3 @@ def test_what_is_no_campaign(tmp_path):
         load_campaign(tmp_path)
     with pytest.raises(InputError):
         load_campaign("a\0b")
-
-
-words = ["name", "runs", "file", "run_00.csv", "drive_current", "noise_std", "heave", "free", "dof", "model", "topics"]
-symbols = [
-    ":",
-    ": ",
-    "- ",
-    "\n",
-    "\n  ",
-    "{",
-    "}",
-    "[",
-    "]",
-    ", ",
-    "&a ",
-    "*a",
-    "<<",
-    "!!",
-    "?",
-    "|",
-    "0",
-    "1.5",
-    "\t",
-    "%",
-]
-almost = st.lists(st.sampled_from(words + symbols), max_size=30).map("".join).map(str.encode)
-
-
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.binary(max_size=100) | almost | almost.map(lambda text: RUNS.encode() + text))
-def test_any_bytes_give_a_campaign_or_an_input_error(folder, content):
-    try:
-        campaign = load(folder, content)
-    except InputError as error:
-        assert "\n" not in str(error)
-    else:
-        assert campaign.runs

@@ -185,21 +185,6 @@ cells = st.sampled_from(
     ["0", "1", "2.5", "-3e-3", "", "nan", "inf", "x", '"', " ", "1e999", "1_0", "٣", "\0", "\t", ";"]
 )
 rows = st.lists(st.lists(cells, max_size=4).map(",".join), max_size=6)
-headers = st.lists(st.sampled_from(["time", "heave", "surge", "heve", ""]), max_size=4).map(",".join)
-almost = st.builds(lambda head, body, end: end.join([head, *body]).encode(), headers, rows, st.sampled_from("\n\r\v"))
-
-
-@same_folder
-@given(st.binary(max_size=200) | almost)
-def test_any_bytes_give_a_run_or_an_input_error(tmp_path, content):
-    try:
-        run = read_csv(csv(tmp_path, content))
-    except InputError as error:
-        assert "\n" not in str(error)
-    else:
-        assert run.values.shape == (len(run.times), len(run.channels))
-        assert (np.diff(run.times) > 0).all()
-
 
 @same_folder
 @given(rows)

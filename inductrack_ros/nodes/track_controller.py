@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 
@@ -44,8 +43,9 @@ DECLARED = {
 }
 LIVE = {"drive_current", "target_speed"}
 BACK = 0.1  # m; a pose so far behind the last one means that the simulator was reset
-AHEAD = 1.0, 100.0  # s, m; one so far ahead of it, that the clock jumped or another simulator speaks
+AHEAD = 1.0, 10.0  # s, m; one so far ahead of it, that the clock jumped or another simulator speaks
 LAST_STAMP = (2**31 - 2) * 10**9  # ns; a message cannot hold a later time
+FARTHEST = 1e6  # m; the simulator's longest track
 PATIENCE = 1.0  # s of real time without a pose after which the controller says so
 
 
@@ -102,7 +102,7 @@ class TrackController(Node):
         stamp = nanoseconds_of(message.header.stamp)
         surge = message.pose.position.x
         self._last_pose = time.monotonic()
-        if not (math.isfinite(surge) and 0 <= stamp <= LAST_STAMP):
+        if not (abs(surge) <= FARTHEST and 0 <= stamp <= LAST_STAMP):
             self._broken += 1
             return
         if self._zero is not None and not self._follows(stamp, surge):
