@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -15,6 +17,7 @@ from ..core.errors import InputError
 from .domain import reach, stay_local
 from .start import STOP
 
+_ROS_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 NAMESPACE = "inductrack"  # of every node, unless `--ros-args -r __ns:=/other` says otherwise
 
 
@@ -30,9 +33,9 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """
     STOP.listen()
     stay_local()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
@@ -44,6 +47,9 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except _ROS_ERRORS as error:
+        print(f"error: ROS 2 does not start: {_one_line(error)}", file=sys.stderr)
+        return 2
     finally:
         if node is not None:
             close = getattr(node, "close", None)
@@ -52,3 +58,8 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
     return int(getattr(node, "exit_status", 0))
+
+
+def _one_line(error: Exception) -> str:
+    """What the middleware says, without the places in its own source."""
+    return re.sub(r",? at /\S+:\d+", "", " ".join(str(error).split())).removeprefix("failed to initialize rcl: ")
