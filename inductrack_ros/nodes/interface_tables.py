@@ -46,7 +46,8 @@ MEANINGS = {
     "lockstep/done": "[stamp of the pose answered (ns), pulses sent]; with `lockstep`",
     "/clock": "simulated time; with `publish_clock`",
     "/tf": "`track` → `cradle`; `details_rate`; on a distribution only (no wheel of `tf2_msgs`)",
-    "/diagnostics": "once a second: deadline misses, late and refused pulses, contacts; misfits of photodiodes; the monitor's verdict",
+    "/diagnostics": "once a second: deadline misses, late and refused pulses, contacts, lost controllers, others of the kind; "
+    "misfits of photodiodes, missing poses; the monitor's verdict",
 }
 SERVICES = {
     "pause": "`data: true` holds simulated time, `false` goes on",
