@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -140,15 +141,19 @@ def versus(rows: list[dict]) -> list[str]:
     """The diagnosis and its peers in one table: right by kind, false alarms, time."""
     if not rows:
         return []
-    methods = {"this package": rows} | {name: [r | r["peers"][name] for r in rows] for name in rows[0]["peers"]}
-    lines = ["", f"| right | campaigns | {' | '.join(methods)} |", "|---" * (2 + len(methods)) + "|"]
-    for kind in [*campaigns.KINDS, None]:
-        counts = [[r["right"] for r in m if kind in (None, r["kind"])] for m in methods.values()]
+    methods = {"this package": rows}
+    methods |= {name: [{"kind": r["kind"], "truth": r["truth"]} | r["peers"][name] for r in rows] for name in rows[0]["peers"]}
+    lines = ["", f"| | campaigns | {' | '.join(methods)} |", "|---" * (2 + len(methods)) + "|"]
+
+    def count(label: str, counted: Callable[[dict], bool], what: Callable[[dict], bool]) -> None:
+        counts = [[what(r) for r in m if counted(r)] for m in methods.values()]
         if counts[0]:
-            lines.append(f"| {kind or 'all'} | {len(counts[0])} | {' | '.join(str(sum(c)) for c in counts)} |")
-    truths = {"false alarms": lambda r: r["truth"] == "adequate" and r["verdict"] != "adequate", "every true effect, and others": lambda r: not r.get("missed", True) and bool(r.get("extra"))}
-    for label, counts in truths.items():
-        lines.append(f"| {label} | {len(rows)} | {' | '.join(str(sum(map(counts, m))) for m in methods.values())} |")
+            lines.append(f"| {label} | {len(counts[0])} | {' | '.join(str(sum(c)) for c in counts)} |")
+
+    for kind in [*campaigns.KINDS, None]:
+        count(f"right: {kind or 'all'}", lambda r, kind=kind: kind in (None, r["kind"]), lambda r: r["right"])
+    count("false alarms", lambda r: r["truth"] == "adequate", lambda r: r["verdict"] != "adequate")
+    count("all true effects, with others", lambda r: r["truth"] == "missing_effect", lambda r: r.get("missed") == [] and r["extra"] != [])
     times = [[r["seconds"] for r in m] for m in methods.values()]
     lines.append(f"| time, median / longest (s) | | {' | '.join(f'{statistics.median(s):.0f} / {max(s):.0f}' for s in times)} |")
     return lines

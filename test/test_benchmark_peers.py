@@ -5,11 +5,9 @@ from pathlib import Path
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).parents[1] / "benchmarks"), str(Path(__file__).parent)]
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-import peers
-from blind_diagnosis import judge
-from independent import campaigns
+from blind_diagnosis import campaigns, judge, peers
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign

@@ -15,10 +15,12 @@ left out, so sliding friction hardly shows; signatures are of first order, so a 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from pysindy.optimizers import FROLS
+from scipy.linalg import LinAlgWarning
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data.campaign import Campaign
@@ -125,7 +127,9 @@ def select(terms: Sequence[tuple[str, int, np.ndarray]], target: np.ndarray, n: 
     """Names of the terms, in FROLS's order, up to the lowest BIC, n ln(RSS) + k ln n, for n independent rows."""
     X = np.column_stack([c for _, _, c in terms])
     frols = FROLS(max_iter=min(MOST, X.shape[1] - 1), alpha=0.0)
-    frols.fit(X, target)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LinAlgWarning)  # near-twins: their order counts, FROLS's coefficients do not
+        frols.fit(X, target)
     order: list[int] = []
     for coefficients in frols.history_:
         order += [int(k) for k in np.flatnonzero(coefficients[0]) if k not in order]

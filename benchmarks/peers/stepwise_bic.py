@@ -4,8 +4,10 @@ Forward: every effect of the catalogue and every sensor fault is fitted beside w
 initial state free; the one that lowers BIC most stays, until none does. Backward: whatever BIC prefers without goes.
 
 What helps it: the compiled simulator and its derivatives, the growing horizon of the first fit, the noise level of channels
-for which none is given, and a switch (an effect without parameters) costs one parameter. What limits it: the forward
-candidates get `QUICK` evaluations, the `CLOSEST` of them `FULL`; there is no screen, and no allowance for how many are tried.
+for which none is given, and a switch (an effect without parameters) costs one parameter. There is no screen: every candidate
+gets `QUICK` evaluations, which take the initial states' derivatives from the fit before, and the `CLOSEST` of them `FULL` with
+all derivatives fresh. What hurts it: BIC does not allow for how many candidates are tried; and a candidate is not fitted over
+growing horizons again, so where the model without it loses long powered runs, the true effect may not be recognised.
 """
 
 from __future__ import annotations
@@ -28,9 +30,9 @@ from inductrack_ros.estimation.structure import THETA_PRIOR, Structure
 from . import Found
 
 #: Evaluations for every candidate, for the closest few, and those few.
-QUICK, FULL, CLOSEST = 3, 12, 4
-#: Horizons (s) over which the first fit grows: one long fit from a noisy start loses powered runs.
-HORIZONS = (0.15, 0.4, 0.8)
+QUICK, FULL, CLOSEST = 4, 15, 8
+#: Horizons (s) over which the first fit grows, for one long fit from a noisy start loses powered runs; evaluations on each.
+HORIZONS, FIRST = (0.15, 0.4, 0.8, 1.1, 1.4, 1.7), 30
 #: Residuals and derivatives over noise are cut here: those of a simulation that has left all bounds.
 LOST = 1e8
 #: Wavelengths that are tried for a wavy track.
@@ -189,7 +191,7 @@ def diagnose(campaign: Campaign, model: Model) -> Found:
     z = np.concatenate([structure.start, np.zeros(refit.splits[-1])])
     longest = max(d.grid[-1] for d in problem.runs)
     for horizon in (*(h for h in HORIZONS if h < 0.8 * longest), np.inf):
-        z = refit.fit(structure, z, 15, horizon).z
+        z = refit.fit(structure, z, FIRST, horizon).z
     current = refit.fit(structure, z, FULL)
     if len(campaign.noise_std) < len(problem.channels):
         g = len(structure.free)
