@@ -77,7 +77,7 @@ def screen(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project
         else:
             switches.append(name)
     columns = _columns_at_vanishing(problem, fit, linear_ones)
-    columns |= {name: _switch_columns(problem, fit, name) for name in switches}
+    columns |= {name: switch_columns(problem, fit, responses, name) for name in switches}
     result = []
     for name, parts in columns.items():
         p = fit.structure.model.known_effects[name.partition(":")[0]].parameters
@@ -115,11 +115,22 @@ def _columns_at_vanishing(problem: Problem, fit: Fit, wanted: list[str]) -> dict
     return {n: [p.by_theta[:, [k for k, f in enumerate(own.free) if f.rpartition(".")[0] == n]] for p in parts] for n in wanted}
 
 
-def _switch_columns(problem: Problem, fit: Fit, name: str) -> list[np.ndarray]:
-    """Difference an effect without parameters makes, (m_i, 1) per run."""
-    with_it = fit.structure.plus(name)
-    after = problem.residuals(with_it, fit.theta, fit.states)
-    return [(p.residual - r)[:, None] for p, r in zip(fit.linear, after, strict=True)]
+def switch_columns(problem: Problem, fit: Fit, responses: Sequence[RunResponse], name: str) -> list[np.ndarray]:
+    """Difference an effect without parameters, switched on (or off, where it is on), makes, (m_i, 1) per run.
+
+    To first order in its force along the run, for the whole of it may throw an unstable run far off; but an effect with states of
+    its own is simulated.
+    """
+    structure = fit.structure
+    other = structure.minus(name) if name in structure.effects else structure.plus(name)
+    if structure.model.known_effects[name].states:
+        after = problem.residuals(other, fit.theta, fit.states)
+        return [(p.residual - r)[:, None] for p, r in zip(fit.linear, after, strict=True)]
+    columns = []
+    for i, r in enumerate(responses):
+        change = _forces(problem, other, fit.theta, i, r) - _forces(problem, structure, fit.theta, i, r)
+        columns.append(r.respond(change[:, :, None]))
+    return columns
 
 
 def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project: Projector) -> list[Screened]:
@@ -160,20 +171,24 @@ def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], 
 
 def _track_stiffness(problem: Problem, fit: Fit, i: int, response: RunResponse) -> np.ndarray:
     """Generalised force per height of the track, (n, 4), along a run: minus its derivative by heave."""
-    data, model = problem.runs[i], fit.model
-    P = fit.structure.vectors(fit.theta[None])[0]
+    h = 1e-5
+    above, below = (_forces(problem, fit.structure, fit.theta, i, response, raised) for raised in (h, -h))
+    return (below - above) / (2 * h)
+
+
+def _forces(problem: Problem, structure: Structure, theta: np.ndarray, i: int, response: RunResponse, raised: float = 0.0) -> np.ndarray:
+    """Generalised force (n, 4) along run i, the cradle ``raised`` above where it was (m)."""
+    data, model = problem.runs[i], structure.model
+    P = structure.vectors(theta[None])[0]
     P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
-    n_states, h = len(model.kernel.states), 1e-5
-    dx, q = np.zeros(n_states), np.zeros(len(kernels.QUANTITIES))
+    dx, q, x = np.zeros(len(model.kernel.states)), np.zeros(len(kernels.QUANTITIES)), np.zeros(len(model.kernel.states))
     forces = [kernels.QUANTITIES.index(n) for n in ("force_surge", "force_sway", "force_heave", "moment_roll")]
-    out = np.zeros((len(data.grid), 4))
-    x = np.zeros(n_states)
-    for k, t in enumerate(data.grid):
-        for sign in (1.0, -1.0):
-            x[:8] = response.outputs[k, :8]
-            x[INDEX["heave"]] += sign * h
-            model.kernel.evaluate(t, x, P, model.switches, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
-            out[k] -= sign * q[forces] / (2 * h)
+    out = np.zeros((len(response.grid), 4))
+    for k, t in enumerate(response.grid):
+        x[:8] = response.outputs[k, :8]
+        x[INDEX["heave"]] += raised
+        model.kernel.evaluate(t, x, P, model.switches, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
+        out[k] = q[forces]
     return out
 
 

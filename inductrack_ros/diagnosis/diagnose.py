@@ -147,7 +147,7 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
 
 def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     """The cheapest set of effects that leaves noise; with a stand-in in it where nothing known does."""
-    singles = _grown(search, [root], QUICK_FIRST)
+    singles = _grown(search, root, QUICK_FIRST)
     if passing := _passing(search, singles):
         return passing
     tried = [root]
@@ -155,11 +155,14 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     def known() -> tuple[Trial, Gate] | None:
         beam = singles[:BEAM]
         for _ in range(MOST_EFFECTS - 1):
-            beam = _grown(search, beam, QUICK_LATER)[:BEAM]
+            grown: list[Trial] = []
+            for trial in beam:
+                grown = _grown(search, trial, QUICK_LATER, grown)
+                if passing := _passing(search, grown):
+                    return passing
+            beam = grown[:BEAM]
             if not beam:
                 return None
-            if passing := _passing(search, beam):
-                return passing
             beam[0] = _exchanged(search, search.finish(beam[0]))
             tried.append(beam[0])
             if passing := _passing(search, beam[:1]):
@@ -186,14 +189,13 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     return best, search.gate(best)
 
 
-def _grown(search: Search, beam: Sequence[Trial], limit: int) -> list[Trial]:
-    """All significant sets one effect larger, cheapest first."""
-    grown: dict[frozenset[str], Trial] = {}
-    for trial in beam:
-        for t in search.grow(trial, limit):
-            key = frozenset(t.names)
-            if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
-                grown[key] = t
+def _grown(search: Search, trial: Trial, limit: int, beside: Sequence[Trial] = ()) -> list[Trial]:
+    """All significant sets one effect larger and those ``beside``, each once, cheapest first."""
+    grown = {frozenset(t.names): t for t in beside}
+    for t in search.grow(trial, limit):
+        key = frozenset(t.names)
+        if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
+            grown[key] = t
     return sorted(grown.values(), key=lambda t: penalised(search, t))
 
 

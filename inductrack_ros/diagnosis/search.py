@@ -11,15 +11,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.fit import Fit, fit
+from ..estimation.fit import Fit, approach, fit, fit_from_scratch
 from ..estimation.problem import Linearisation, Problem
 from ..workers import Cluster, Threads
-from .candidates import Screened, effect_columns, screen
+from .candidates import Candidate, Screened, effect_columns, screen, switch_columns
 from .gate import Gate, Projector, check
 from .signatures import responses
 
 #: Candidates that get one step of a refit at first and later, several, and a refit to convergence; sets kept at each size.
 QUICK_FIRST, QUICK_LATER, SEVERAL, FULL, BEAM = 24, 12, 8, 4, 2
+#: A refit that leaves so many times the noise's χ² may only be stuck: it is done over growing horizons too.
+ROUGH = 1.5
+#: What a candidate must promise beyond the best to be worth another try.
+MARGIN = 6.6
+#: Effects whose signatures, the nuisance projected out, are as parallel as this are tried in each other's place.
+ALIKE = 0.95
 
 
 @dataclass(frozen=True)
@@ -76,14 +82,19 @@ class Search:
     def grow(self, trial: Trial, limit: int) -> list[Trial]:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them refitted.
 
-        The field narrows: one step for all, a few more for `SEVERAL`, convergence for `FULL`.
+        The field narrows: one step for all, a few more for `SEVERAL`, convergence for `FULL`. Those that could still
+        win, by what they promise to first order, but whose refit is stuck far from it, start from scratch.
         """
-        field = [t for t in self.map(lambda s: self._first_step(trial, s), self.screened(trial)[:limit]) if t]
+        screened = self.screened(trial)[:limit]
+        field = [t for t in self.map(lambda s: self._first_step(trial, s), screened) if t]
         field.sort(key=lambda t: t.chi2)
         field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
         field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
+        field += self._from_scratch(trial, [s.candidate for s in self._stuck(trial, screened, field)])
+        field.sort(key=lambda t: t.chi2)
         for t in field:
             self.keep(t)
+        field = [t for t in field if self.trials[frozenset(t.names)] is t]
         self.grown.add(frozenset(trial.names))
         return field
 
@@ -94,7 +105,28 @@ class Search:
         if key not in self.grown:
             self.grow(parent, QUICK_LATER)
         found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k]
+        for candidate in self._alike(trial, name):
+            if not any(t.names[-1] == candidate.name and t.chi2 < trial.chi2 + MARGIN for t in found):
+                for t in self._from_scratch(parent, [candidate]):
+                    self.keep(t)
+                    found.append(t)
         return sorted(found, key=lambda t: t.chi2)
+
+    def _alike(self, trial: Trial, name: str) -> list[Candidate]:
+        """Candidates that would do to the measurements what one effect of a trial does."""
+        f = trial.fit
+        mine = [k for k, full in enumerate(f.structure.free) if full.rpartition(".")[0] == name]
+        project = Projector(self.problem, f, leave=mine)
+        parts = [part.by_theta[:, mine] for part in f.linear] if mine else switch_columns(self.problem, f, responses(self.problem, f), name)
+        own = project(project.stack(parts))
+        own /= np.linalg.norm(own, axis=0)
+        found = []
+        for s in self.screened(trial):
+            other = project(project.stack(s.columns))
+            size = np.linalg.norm(other, axis=0)
+            if size.min() > 0 and np.linalg.svd(own.T @ (other / size), compute_uv=False)[0] > ALIKE:
+                found.append(s.candidate)
+        return found
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the workers."""
@@ -122,6 +154,44 @@ class Search:
                 best = new
         return Trial(best, (*trial.names, candidate.name), False, trial.occam) if best is not None and np.isfinite(best.chi2) else None
 
+    def _stuck(self, trial: Trial, screened: Sequence[Screened], field: Sequence[Trial]) -> list[Screened]:
+        """Candidates to be started from scratch: all where nothing comes near the noise, else those held far from their promise."""
+        reached = {t.names[-1]: t.chi2 for t in reversed(field)}
+        best = min(reached.values(), default=np.inf)
+        if not best < ROUGH * trial.fit.samples:
+            return list(screened)
+        return [s for s in screened if trial.chi2 - s.promise < best - MARGIN and reached.get(s.candidate.name, np.inf) > trial.chi2 - 0.5 * s.promise]
+
+    def is_rough(self, fit: Fit) -> bool:
+        """Whether a fit leaves far more than noise."""
+        return not fit.chi2 < ROUGH * fit.samples
+
+    def _from_scratch(self, trial: Trial, candidates: Sequence[Candidate]) -> list[Trial]:
+        """The trial with one more effect, fitted over growing horizons from each start; the `SEVERAL` best there over all, best first."""
+
+        def starts(candidate: Candidate) -> list[Fit]:
+            self.tell(" + ".join([*trial.names, candidate.name]) + " from scratch")
+            found = []
+            for start in candidate.starts:
+                structure = trial.fit.structure.plus(candidate.name, start)
+                theta = structure.start.copy()
+                theta[: len(trial.fit.theta)] = trial.fit.theta
+                found += [near for near in [approach(self.single, structure, theta)] if near]
+            return sorted(found, key=lambda f: f.chi2)[:1]
+
+        near = [(fits[0], c.name) for fits, c in zip(self.map(starts, candidates), candidates, strict=True) if fits]
+        near.sort(key=lambda found: found[0].chi2)
+        whole = self.map(lambda found: fit(self.single, found[0].structure, found[0].states, found[0].theta), near[:SEVERAL])
+        trials = [Trial(f, (*trial.names, name), True, trial.occam) for f, (_, name) in zip(whole, near, strict=False) if np.isfinite(f.chi2)]
+        return sorted(trials, key=lambda t: t.chi2)
+
+    def _settled(self, f: Fit) -> Fit:
+        """A refit of all runs to convergence with all derivatives fresh, from where a fit stands or, where that is stuck, from scratch."""
+        new = fit(self.problem, f.structure, f.states, f.theta, iterations=15)
+        if self.is_rough(new):
+            new = min(new, fit_from_scratch(self.problem, f.structure, f.theta), key=lambda f: f.chi2)
+        return new
+
     def _further(self, trial: Trial, iterations: int) -> Trial:
         """More steps of a quick refit."""
         f = trial.fit
@@ -132,8 +202,7 @@ class Search:
         """A trial refitted to convergence with all derivatives fresh."""
         if trial.full:
             return trial
-        f = trial.fit
-        done = Trial(fit(self.problem, f.structure, f.states, f.theta, iterations=15), trial.names, True, trial.occam)
+        done = Trial(self._settled(trial.fit), trial.names, True, trial.occam)
         self.keep(done)
         return self.trials[frozenset(trial.names)]
 
@@ -145,7 +214,7 @@ class Search:
             return self.trials[key]
         structure = trial.fit.structure.minus(name)
         keep = [trial.fit.structure.free.index(f) for f in structure.free]
-        new = Trial(fit(self.problem, structure, trial.fit.states, trial.fit.theta[keep], iterations=15), names, True)
+        new = Trial(self._settled(replace(trial.fit, structure=structure, theta=trial.fit.theta[keep])), names, True)
         self.keep(new)
         return self.trials[key]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..core.state import COORDINATES
-from ..estimation.fit import fit
+from ..estimation.fit import fit, fit_from_scratch
 from ..estimation.structure import roughness
 from .gate import Projector
 from .search import Search, Trial
@@ -194,7 +194,10 @@ def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None
             best = new
         if best is not None and best.chi2 < trial.chi2:
             break
-    if best is None:
+    if near is None and (best is None or search.is_rough(best)):
+        theta[len(trial.fit.theta) :] = 0.0
+        best = min([best, fit_from_scratch(search.problem, structure, theta)], key=lambda f: f.chi2 if f else np.inf)
+    if best is None or not np.isfinite(best.chi2):
         return None
     if near is not None:
         best = fit(search.problem, structure, best.states, best.theta, iterations=3, tolerance=1.0)

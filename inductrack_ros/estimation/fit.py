@@ -25,6 +25,8 @@ COARSE = 1e-4
 SIDEWAYS = {"sway", "roll", "sway_rate", "roll_rate", "gap_right", "gap_left", "sway_acceleration"}
 UNSEEN_STARTS = tuple((s, r) for s in (0.0, 1.2e-3, 2.4e-3) for r in (-3e-3, 0.0, 3e-3) if s or r >= 0)
 UNSEEN_HORIZON = 0.5
+#: Growing horizons of a fit from scratch (s).
+HORIZONS = (0.15, 0.4, 0.8)
 #: Where even the first horizon misses by this many times the noise's χ², each free parameter is also started at these multiples.
 FAR_OFF, MULTIPLES = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0)
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
@@ -228,19 +230,28 @@ def _covariance(problem, structure, linear, until) -> np.ndarray:
     return np.linalg.pinv(A, rcond=1e-15, hermitian=True) if g else np.zeros((0, 0))
 
 
-def fit_from_scratch(problem: Problem, structure: Structure, horizons: Sequence[float] = (0.15, 0.4, 0.8)) -> Fit:
-    """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability."""
+def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit:
+    """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability.
+
+    Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact makes them jump.
+    """
+    near = approach(problem, structure, theta)
+    return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)))
+
+
+def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
+    """The fit over the last of the growing horizons (χ² within it); None where the runs are too short for any."""
     longest = max(d.grid[-1] for d in problem.runs)
     unseen = problem.dof == 4 and not SIDEWAYS & set(problem.channels)
     states = _unseen_starts(problem, structure) if unseen else None
-    theta = None
-    for k, horizon in enumerate(h for h in horizons if h < 0.8 * longest):
+    given, near = theta is not None, None
+    for k, horizon in enumerate(h for h in HORIZONS if h < 0.8 * longest):
         step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0)
-        if k == 0 and not step.chi2 < FAR_OFF * sum(int((d.time <= horizon).sum()) for d in problem.runs):
+        if k == 0 and not given and not step.chi2 < FAR_OFF * sum(int((d.time <= horizon).sum()) for d in problem.runs):
             step = min([step, *_far_starts(problem, structure, states, horizon)], key=lambda f: f.chi2)
         if np.isfinite(step.chi2):
-            states, theta = step.states, step.theta
-    return fit(problem, structure, states, theta)
+            near, states, theta = step, step.states, step.theta
+    return near
 
 
 def _far_starts(problem: Problem, structure: Structure, states: Sequence[np.ndarray] | None, until: float) -> list[Fit]:
