@@ -1,4 +1,4 @@
-# make demo | make test | make lint | make faults | make fuzz | make soak | make benchmark-diagnosis | make clean. No environment variable is needed.
+# make demo | make test | make lint | make faults | make fuzz | make soak | make benchmark | make benchmark-check | make benchmark-diagnosis | make clean. No environment variable is needed.
 #
 # On a sourced ROS 2 distribution that one is used (a virtual environment that sees the system's packages);
 # on a bare machine ROS 2 comes as wheels from PyPI into .venv.
@@ -12,7 +12,7 @@ comma := ,
 EXTRAS := $(if $(filter wheels,$(ROS)),test$(comma)ros,test)
 READY := $(VENV)/ready-$(ROS)
 
-.PHONY: demo test lint setup clean benchmark-diagnosis faults fuzz soak
+.PHONY: demo test lint setup clean benchmark benchmark-check benchmark-diagnosis faults fuzz soak
 .NOTPARALLEL:
 
 demo: $(READY)
@@ -20,6 +20,14 @@ demo: $(READY)
 
 test: $(READY) lint
 	@$(BIN)/python -m pytest
+
+# docs/performance.md: against the peers of the extra `benchmark`, as far as they install, and a C compiler's loop.
+benchmark: $(READY)
+	-@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[benchmark]'
+	@PYTHONPATH=benchmarks $(BIN)/python -m performance
+
+benchmark-check: $(READY)
+	@PYTHONPATH=benchmarks $(BIN)/python -m performance --check --output build/performance-check.json
 
 benchmark-diagnosis: $(READY)
 	@$(BIN)/python benchmarks/blind_diagnosis.py --output build/diagnosis.json

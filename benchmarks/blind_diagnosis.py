@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ from inductrack_ros.data import Campaign, load_campaign  # noqa: E402
 from inductrack_ros.diagnosis.diagnose import diagnose  # noqa: E402
 from inductrack_ros.estimation.problem import Problem  # noqa: E402
 from inductrack_ros.estimation.structure import Structure  # noqa: E402
+from inductrack_ros.workers import workers  # noqa: E402
 
 #: Signal over noise, nuisance refitted, above which an effect counts as clear.
 CLEAR = 30.0
@@ -167,11 +168,26 @@ def main() -> None:
     parser.add_argument("--kind", choices=campaigns.KINDS)
     parser.add_argument("--peers", action="store_true", help="PySINDy's weak form and a stepwise BIC on the same campaigns too")
     parser.add_argument("--output", type=Path, help="write all results as JSON too")
+    parser.add_argument("--scheduler", metavar="tcp://…", help="a campaign to each worker of this dask scheduler; they need this checkout at this path")
     given = parser.parse_args()
+
+    def task(seed: int) -> dict:
+        sys.path.insert(0, str(ROOT / "benchmarks"))
+        import blind_diagnosis  # by name, for a worker does not have this as its main program
+
+        return blind_diagnosis.run(seed, given.kind, given.peers)
+
+    seeds = range(given.seed, given.seed + given.campaigns)
+    with workers(given.scheduler) as hands:
+        report(given, hands.stream(task, seeds) if given.scheduler else map(task, seeds))
+
+
+def report(given: argparse.Namespace, found: Iterable[dict]) -> None:
+    """Print each campaign as it is done, then the summary."""
     rows = []
-    for seed in range(given.seed, given.seed + given.campaigns):
-        row = run(seed, given.kind, given.peers)
+    for row in found:
         rows.append(row)
+        seed = row["seed"]
         mark = "right" if row["right"] else "WRONG"
         print(f"{seed} {mark} {row['kind']}: {row['effects']} {row.get('unknown')} -> {row['verdict'][:150]} {row['found']} {row.get('twins')} {row.get('found_unknown')} "
               f"clarity {row['clarity']:.0f} error {row['error']} {row['seconds']:.0f} s {row['samples']} samples", flush=True)  # fmt: skip

@@ -56,19 +56,23 @@ class Cluster:
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, in order. What the task refers to travels with it, users' effect files included."""
+        return list(self.stream(task, items))
+
+    def stream(self, task: Callable, items: Sequence) -> Iterator:
+        """As `map`, each result as soon as it and those before it are there."""
         from dask.distributed import KilledWorker
 
-        with threadpool_limits(1, "blas"), warnings.catch_warnings():
+        with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Sending large graph")  # a campaign is ten megabytes
             sent = self.client.submit(_same, _pack(task), pure=False)  # a result, not data: made again if its worker dies
             futures = self.client.map(_work, [_pack(i) for i in items], task=sent, here=_versions(), pure=False)
-            try:
-                return [pickle.loads(packed) for packed in self.client.gather(futures)]
-            except KilledWorker as error:
-                raise InputError(f"the cluster: a task outlived {DEATHS} workers; is there enough memory on each? ({error})") from error
-            except BaseException:  # also Ctrl-C: nothing goes on in the background
-                self.client.cancel(futures)
-                raise
+        try:
+            for future in futures:
+                yield pickle.loads(future.result())
+        except KilledWorker as error:
+            raise InputError(f"the cluster: a task outlived {DEATHS} workers; is there enough memory on each? ({error})") from error
+        finally:  # also after Ctrl-C: nothing goes on in the background
+            self.client.cancel(futures)
 
 
 @contextmanager

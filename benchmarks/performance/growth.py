@@ -1,0 +1,78 @@
+"""5. How cost grows: processor time over runs, samples and candidates, which should be linear; memory over a bag's length."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from inductrack_ros.core.model import Model
+from inductrack_ros.data import load_campaign
+from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.estimation.ensemble import ensemble
+
+from .many_runs import SPEEDS, TIMES, draw
+from .refits import CAMPAIGN
+
+
+def _seconds(task, repeats: int) -> float:
+    """Least processor time of some."""
+    times = []
+    for _ in range(repeats):
+        began = time.process_time()
+        task()
+        times.append(time.process_time() - began)
+    return min(times)
+
+
+def _exponent(sizes: list[float], costs: list[float]) -> float:
+    """Slope in a double logarithmic plot: 1 where cost is proportional."""
+    return float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
+
+
+def measure(quick: bool, bag_seconds: float | None = None) -> dict:
+    """Sizes, costs and exponents."""
+    model, found = Model.default(), {}
+    repeats = 3 if quick else 5
+    states, parameters, _ = draw(model, SPEEDS["all touch down"], 1600)
+    sizes = [100, 200, 400, 800, 1600]
+    found["runs"] = sizes, [_seconds(lambda n=n: ensemble(model, TIMES, states[:n], {k: v[:n] for k, v in parameters.items()}), repeats) for n in sizes]
+    times = [np.linspace(0.0, 3.0, n) for n in (1501, 3001, 6001, 12001, 24001)]  # each row a step: fewer are not cheaper
+    found["samples of a run"] = [t.size for t in times], [_seconds(lambda t=t: model.simulate(t, states[0]), 3 * repeats) for t in times]
+    problem, base, _ = base_fit(load_campaign(CAMPAIGN), model)
+    search = Search(problem, base)
+    root = search.trials[frozenset(base.structure.effects)]
+    screened = sorted(search.screened(root), key=lambda s: len(s.candidate.starts))
+    single = [s for s in screened if len(s.candidate.starts) == 1]
+    counts = [2, 4, 8, 16]
+    found["candidates, a step of a refit each"] = counts, [_seconds(lambda n=n: [search._first_step(root, s) for s in single[:n]], 1) for n in counts]
+    result = {"cost": {n: {"sizes": s, "seconds": c, "exponent": _exponent(s, c)} for n, (s, c) in found.items()}}
+    if not quick:
+        long = bag_seconds or 120.0
+        result["memory"] = {str(seconds): _memory(seconds) for seconds in (long / 4, long)}
+    return result
+
+
+def _memory(seconds: float) -> dict[str, float]:
+    """Peak memory (MB) of a process that records a bag of pose and twist at 1 kHz, and of one that reads it."""
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag"
+        return {what: json.loads(subprocess.run([sys.executable, str(Path(__file__).with_name("bag_memory.py")), what, str(bag), str(seconds)], check=True, capture_output=True, text=True).stdout) for what in ("record", "read")}
+
+
+def table(found: dict) -> list[str]:
+    """Markdown."""
+    lines = ["| processor time (s) over | sizes and times | exponent |", "|---|---|---|"]
+    for name, c in found["cost"].items():
+        pairs = ", ".join(f"{n}: {s:.3g}" for n, s in zip(c["sizes"], c["seconds"], strict=True))
+        lines.append(f"| {name} | {pairs} | {c['exponent']:.2f} |")
+    if memory := found.get("memory"):
+        lines += ["", "| bag at 1 kHz, pose and twist | peak memory recording (MB) | peak memory reading (MB) |", "|---|---|---|"]
+        lines += [f"| {float(s):g} s | {m['record']:.0f} | {m['read']:.0f} |" for s, m in memory.items()]
+    return lines

@@ -1,0 +1,117 @@
+"""3. A fit and a diagnosis of a twelve-run campaign, against `scipy.optimize.least_squares` over our own simulator.
+
+The peer fits what ours fits (free parameters and each run's initial state, with the same weak priors) from the same
+start, with its own differences. For the diagnosis it would refit every candidate; some are, and the rest is reckoned
+from their mean. All by processor time.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from inductrack_ros.core.model import Model
+from inductrack_ros.data import load_campaign
+from inductrack_ros.diagnosis.diagnose import base_fit, diagnose
+from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.estimation.fit import fit_from_scratch
+from inductrack_ros.estimation.problem import STATE_PRIOR, Problem
+from inductrack_ros.estimation.structure import Structure
+
+from .timing import spread
+
+CAMPAIGN = Path(__file__).parents[2] / "examples" / "sample_campaign"
+
+
+def peer(problem: Problem, structure: Structure, theta: np.ndarray, states: list[np.ndarray]) -> tuple[float, int]:
+    """χ² that `least_squares` reaches, and how often it asked for all residuals."""
+    problem = problem.subset(range(len(problem.runs)))
+    problem.threads = 1
+    free = [d.free_states for d in problem.runs]
+    edges = np.cumsum([len(theta), *map(len, free)])
+    root = np.linalg.cholesky(structure.precision).T
+    calls = 0
+
+    def unpack(u: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        xs = [x.copy() for x in states]
+        for x, f, a, b in zip(xs, free, edges[:-1], edges[1:], strict=True):
+            x[f] = u[a:b]
+        return u[: len(theta)], xs
+
+    def residual(u: np.ndarray) -> np.ndarray:
+        nonlocal calls
+        calls += 1
+        th, xs = unpack(u)
+        parts = [np.nan_to_num(r, nan=0.0, posinf=1e6, neginf=-1e6) for r in problem.residuals(structure, th, xs)]
+        priors = [((x - d.guess) / STATE_PRIOR)[f] for x, d, f in zip(xs, problem.runs, free, strict=True)]
+        return np.concatenate([*parts, *priors, root @ (th - structure.centre)])
+
+    start = np.concatenate([theta, *(x[f] for x, f in zip(states, free, strict=True))])
+    scale = np.concatenate([np.ones(len(theta)), *(np.array([1e-2, 1e-3, 1e-3, 1e-2, 0.1, 0.1, 0.1, 1.0])[f] for f in free)])
+    low, high = structure.bounds
+    wide = np.full(len(start) - len(theta), np.inf)
+    found = least_squares(residual, np.clip(start, [*low, *-wide], [*high, *wide]), x_scale=scale, bounds=([*low, *-wide], [*high, *wide]), ftol=1e-6, diff_step=1e-6)
+    th, xs = unpack(found.x)
+    return float(sum(np.nansum(r**2) for r in problem.residuals(structure, th, xs))), calls
+
+
+def measure(quick: bool) -> dict:
+    """Times, ratios and the χ² reached."""
+    campaign, model = load_campaign(CAMPAIGN), Model.default()
+    problem, base, _ = base_fit(campaign, model)
+    structure = base.structure
+
+    def seconds(task) -> tuple[float, object]:
+        began = time.process_time()
+        result = task()
+        return time.process_time() - began, result
+
+    ours = [seconds(lambda: fit_from_scratch(problem, structure)) for _ in range(3 if quick else 5)]
+    guesses = [d.guess for d in problem.runs]
+    peers = [seconds(lambda: peer(problem, structure, structure.start, guesses)) for _ in range(1 if quick else 2)]
+    result = {"fit": {
+        "ours": spread([t for t, _ in ours]), "chi2": ours[0][1].chi2,
+        "peer": spread([t for t, _ in peers]), "peer_chi2": peers[0][1][0], "peer_calls": peers[0][1][1],
+        "ratio": spread([p / o for (p, _), (o, _) in zip(peers, ours, strict=False)]), "samples": base.samples, "unknowns": len(base.theta) + sum(len(d.free_states) for d in problem.runs),
+    }}  # fmt: skip
+    if quick:
+        return result
+    whole, found = seconds(lambda: diagnose(campaign, model))
+    search = Search(problem, base)
+    screened = search.screened(search.trials[frozenset(structure.effects)])
+    refits = []
+    for s in screened[:4]:
+        grown = structure.plus(s.candidate.name, s.candidate.starts[0])
+        theta = np.concatenate([base.theta, grown.start[len(base.theta) :]])
+        t, (chi2, calls) = seconds(lambda g=grown, th=theta: peer(problem, g, th, list(base.states)))
+        refits.append({"effect": s.candidate.name, "seconds": t, "chi2": chi2, "calls": calls})
+    ones = {next(iter(k)): t for k, t in search.trials.items() if len(k) == 1}
+    grown = search.grow(search.trials[frozenset(structure.effects)], 4)
+    ones |= {t.names[-1]: t for t in grown}
+    for r in refits:
+        r["our_chi2"] = search.finish(ones[r["effect"]]).chi2 if r["effect"] in ones else None
+    rounds = 1 + len(found.effects)  # every candidate once for each effect that is found, and once more to see that none is left
+    reckoned = rounds * len(screened) * float(np.mean([r["seconds"] for r in refits]))
+    result["diagnosis"] = {
+        "ours": whole, "verdict": found.verdict, "effects": list(found.effects), "candidates": len(screened), "rounds": rounds, "refits": refits,
+        "peer_reckoned": reckoned, "ratio": reckoned / whole,
+    }  # fmt: skip
+    return result
+
+
+def table(found: dict) -> list[str]:
+    """Markdown."""
+    f = found["fit"]
+    lines = [
+        f"| twelve runs, {f['samples']:,} samples, {f['unknowns']} unknowns | processor time (s) | times ours | χ² |", "|---|---|---|---|",
+        f"| fit: ours | {f['ours']['median']:.2f} | 1 | {f['chi2']:.1f} |",
+        f"| fit: least_squares, {f['peer_calls']} predictions | {f['peer']['median']:.1f} | {f['ratio']['median']:.1f} | {f['peer_chi2']:.1f} |",
+    ]  # fmt: skip
+    if d := found.get("diagnosis"):
+        lines += [f"| diagnosis: ours ({', '.join(d['effects']) or d['verdict']}) | {d['ours']:.1f} | 1 | |"]
+        lines += [f"| least_squares, {r['effect']} | {r['seconds']:.1f} | | {r['chi2']:.1f}" + (f" (ours {r['our_chi2']:.1f})" if r["our_chi2"] else "") + " |" for r in d["refits"]]
+        lines += [f"| all {d['candidates']} candidates, {d['rounds']} rounds, reckoned from these | {d['peer_reckoned']:.0f} | {d['ratio']:.0f} | |"]
+    return lines
