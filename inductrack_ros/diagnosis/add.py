@@ -10,8 +10,9 @@ from ..core.effects import split_name
 from ..core.errors import InputError
 from ..core.model import Model
 from ..data.campaign import Campaign
-from ..estimation.fit import Fit, fit
+from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.problem import Problem
+from ..estimation.structure import Structure
 from . import support
 from .candidates import Candidate
 from .diagnose import base_fit, step_of, traces_of, where_won
@@ -42,11 +43,18 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
     if standing is None and item.screened:
         raise InputError(f"'{name}' leaves no trace in these runs, whatever its size; it cannot be fitted to them")
     tell(name)
-    f = min((_refit(problem, base, name, start) for start in (standing.starts if standing else ({},))), key=lambda f: f.chi2)
+    starts = standing.starts if standing else ({},)
+    f = min((_refit(fit, problem, base, name, start) for start in starts), key=lambda f: f.chi2)
     if not math.isfinite(f.chi2):
         raise InputError(f"'{name}' cannot be fitted to these runs: no size of it follows them")
     trial = search.trials[frozenset((*root.names, name))] = Trial(f, (*root.names, name), True)
     gate = search.gate(trial)
+    if not gate.adequate:  # perhaps it is stuck on the way there
+        anew = min((_refit(_from_scratch, problem, base, name, start) for start in starts), key=lambda f: f.chi2)
+        if anew.chi2 < f.chi2:
+            f = anew
+            trial = search.trials[frozenset(trial.names)] = Trial(f, trial.names, True)
+            gate = search.gate(trial)
     deviations = f.deviations
     threshold = Candidate(name, ({},), 1, len(item.parameters)).threshold(1)
     gains = root.chi2 - trial.chi2 > threshold
@@ -77,9 +85,13 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
     )
 
 
-def _refit(problem: Problem, base: Fit, name: str, start: Mapping[str, float]) -> Fit:
+def _refit(how: Callable[..., Fit], problem: Problem, base: Fit, name: str, start: Mapping[str, float]) -> Fit:
     """Everything refitted with the effect, from one start of its parameters."""
     structure = base.structure.plus(name, start)
     theta = structure.start.copy()
     theta[: len(base.theta)] = base.theta
-    return fit(problem, structure, base.states, theta)
+    return how(problem, structure, base.states, theta)
+
+
+def _from_scratch(problem: Problem, structure: Structure, _: object, theta: object) -> Fit:
+    return fit_from_scratch(problem, structure, theta)
