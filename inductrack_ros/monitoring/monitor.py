@@ -20,7 +20,7 @@ BACK = 0.1
 #: Numbers beyond this are a fault of the sensor.
 ABSURD = 1e6
 #: Windows after which silence is called a fit.
-ENOUGH = 10
+ENOUGH = 5
 #: Windows that the noise found in them is averaged over.
 NOISE_MEMORY = 20
 MOST_WAITING = 20_000  # samples of a kind, pulses

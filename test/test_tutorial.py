@@ -1,0 +1,83 @@
+"""docs/tutorial.md, as a reader would type it: every `sh` block in order in one shell, each `text` block awaited."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+from conftest import wait_until
+
+from inductrack_ros.core.kernel import cache_folder
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+#: The installation is that of the tests; what the Makefile would do is looked at only.
+PRELUDE = """
+make() { command make --dry-run "$@"; }
+source() { test "$1" = .venv/bin/activate; }
+"""
+
+
+class Shell:
+    """One bash that is fed block by block; what it and its background jobs say is one text."""
+
+    def __init__(self, home: Path) -> None:
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        environment = os.environ | {"HOME": str(home), "INDUCTRACK_CACHE": str(cache_folder()), "PATH": path}
+        self._bash = subprocess.Popen(
+            ["bash"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT, env=environment
+        )
+        self.said, self._blocks = "", 0
+        threading.Thread(target=self._listen, daemon=True).start()
+        self._bash.stdin.write(PRELUDE)
+
+    def _listen(self) -> None:
+        for line in self._bash.stdout:
+            self.said += line
+
+    def run(self, block: str) -> int:
+        """Type a block and wait for its end; returns where its words begin. A last command that fails fails the test."""
+        begin, self._blocks = len(self.said), self._blocks + 1
+        end = f"block {self._blocks} ended with"
+        self._bash.stdin.write(f"{block}\necho {end} $?\n")
+        self._bash.stdin.flush()
+        wait_until(lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}\n{self.said}")
+        status = re.search(f"{end} (\\d+)\n", self.said)[1]
+        assert status == "0" or block.startswith("kill"), self.said[begin:]
+        return begin
+
+    def close(self) -> None:
+        self._bash.stdin.write("kill $(jobs -p)\nwait\n")
+        self._bash.stdin.close()
+        self._bash.wait(60)
+
+
+def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
+    blocks = re.findall(r"```(sh|text)\n(.*?)```", TEXT, re.DOTALL)
+    shell, begin = Shell(tmp_path), 0
+    try:
+        for kind, block in blocks:
+            if kind == "sh":
+                begin = shell.run(block)
+            else:
+                wait_until(lambda: block.strip() in shell.said[begin:], f"{block!r} in\n{shell.said}")  # noqa: B023
+    finally:
+        shell.close()
+    assert "Traceback" not in shell.said and "command not found" not in shell.said, shell.said
+    found = json.loads((tmp_path / "tutorial/report/diagnose/diagnosis.json").read_text())
+    angle = found["parameters"]["track_slope.angle"]
+    hidden = float(re.search(r"angle: ([\d.]+)", TEXT)[1])
+    assert found["effects"] == ["track_slope"] and abs(angle["value"] - hidden) < 5 * angle["std"] < 0.2 * hidden
+    added = json.loads((tmp_path / "tutorial/report/mine/diagnosis.json").read_text())
+    assert [round(s["reduced_chi2"]) for s in added["steps"]][-1] == 1 < added["steps"][0]["reduced_chi2"] / 1.5
+    assert {"compare", "diagnose", "after", "mine"} == {p.parent.name for p in (tmp_path / "tutorial/report").glob("*/report.html")}
+
+
+def test_links_lead_to_files():
+    for link in re.findall(r"\]\((?!https?:)([^)#]+)", TEXT):
+        assert (ROOT / "docs" / link).exists(), link
