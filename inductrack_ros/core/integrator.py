@@ -22,6 +22,7 @@ import math
 import numpy as np
 
 MAX_CONTACT_SWITCHES = 100_000  # a run that rattles more often than this is not one we can integrate
+BOUNDS = 1e9  # m, and rad; what has gone further left all bounds
 PER_TOLERANCE = np.array([1e8, 1e8, 1e8, 1e7, 1e5, 1e5, 1e5, 1e4])  # over the error of the third-order result in one step
 GROW, SHRINK = 0.03, 1.0  # errors over tolerance at which steps grow back to normal, and below normal shrink
 CONTACT_GROW, CONTACT_SHRINK = 0.002, 0.05  # the same where they are longer than normal, stricter: a step that comes
@@ -178,7 +179,7 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
             if travel_step < limit * abs(x[4]):
                 limit = travel_step / abs(x[4])
             if limit < SHORTEST_STEP:
-                x[0] = np.nan
+                x[0] = np.nan  # ends as what left all bounds
             remaining = target - t
             if not averaged:
                 while first < pt.size and pt[first] + P[PULSE_LENGTH] <= t:
@@ -190,7 +191,7 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
             h = remaining / max(math.ceil(remaining / min(limit * refine, free_step) - 1e-9), 1)
 
             error = step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage)
-            if error > (CONTACT_SHRINK if refine > 1.0 else SHRINK) and refine > FINEST:
+            if error > (CONTACT_SHRINK if refine > 1.0 else SHRINK) and refine > FINEST and h > SHORTEST_STEP:
                 refine *= 0.5
                 continue
             if error < (GROW if refine < 1.0 else CONTACT_GROW) and refine < (CONTACT_GROWTH if in_contact else 1.0):
@@ -232,7 +233,7 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
                 x[i], k1[i] = x_new[i], k_new[i]
             for i in range(6):
                 q[i] = q_new[i]
-            if not math.isfinite(x[0] + x[1] + x[2] + x[3]):
+            if not abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(x[3]) < BOUNDS:
                 for later in range(row, times.size):
                     for i in range(15):
                         out[later, i] = np.nan
