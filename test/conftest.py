@@ -28,9 +28,11 @@ settings.register_profile("nightly")  # `make fuzz`; test_fuzz.py says how much 
 PATIENCE = 120.0  # s; how long a condition is awaited on a busy machine before a test fails
 
 
-def wait_until(condition: Callable[[], object], what: str, while_waiting: Callable[[], None] | None = None) -> object:
+def wait_until(
+    condition: Callable[[], object], what: str, while_waiting: Callable[[], None] | None = None, patience: float = PATIENCE
+) -> object:
     """Return the condition's first true value, or fail the test saying what did not happen."""
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + patience
     while time.monotonic() < end:
         value = condition()
         if value:
@@ -39,7 +41,7 @@ def wait_until(condition: Callable[[], object], what: str, while_waiting: Callab
             while_waiting()
         else:
             time.sleep(0.01)
-    pytest.fail(f"waited {PATIENCE:g} s in vain: {what}")
+    pytest.fail(f"waited {patience:g} s in vain: {what}")
 
 
 class Process:

@@ -46,7 +46,7 @@ class Shell:
         end = f"block {self._blocks} ended with"
         self._bash.stdin.write(f"{block}\necho {end} $?\n")
         self._bash.stdin.flush()
-        wait_until(lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}\n{self.said}")
+        wait_until(lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}", patience=600.0)  # a whole diagnosis
         status = re.search(f"{end} (\\d+)\n", self.said)[1]
         assert status == "0" or block.startswith("kill"), self.said[begin:]
         return begin
