@@ -10,7 +10,7 @@ from test_reports_browser import BROWSER, open_page
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.diagnosis.gate import Test as GateTest
-from inductrack_ros.diagnosis.result import Diagnosis, Limit, Rival, RunTraces, Step, Unknown
+from inductrack_ros.diagnosis.result import Diagnosis, Limit, Proposal, Rival, RunTraces, Step, Unknown
 from inductrack_ros.reports.diagnosis_report import diagnosis_report, verdict
 
 NASTY = "<script>alert(1)</script>"
@@ -89,7 +89,7 @@ def confused() -> Diagnosis:
         (DRAG,),
         indistinguishable={DRAG: ("skin_friction_drag",)},
         next_experiment="Coast from 38 m/s for 2 s.",
-        separation={"skin_friction_drag": 14.2},
+        proposal=Proposal(38.0, 0.0, (0.0, 0.0, 0.0), 2.0, {"skin_friction_drag": 14.2}),
     )
 
 

@@ -82,10 +82,10 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     path = [tuple(new[:k]) for k in range(len(new) + 1)]
     steps = tuple(step_of(search, search.part(chosen, (*root.names, *p)), p) for p in path)
     unknown = _unknown(search, chosen, found_gate, stand_in, steps) if verdict == "unknown_effect" else None
-    experiment, separation = (None, {})
+    experiment, proposal = None, None
     if twins or verdict == "unknown_effect":
         tell("which run would settle what is open")
-        experiment, separation = propose(search, chosen, twins, unknown)
+        experiment, proposal = propose(search, chosen, twins, unknown, undetermined)
     if verdict == "unknown_effect" and (odd := support.disagreeing(problem, base)):
         notes.append(
             f"runs disagree: {', '.join(odd)} and the others each fit the model alone, with other values of {', '.join(base.structure.free)}; "
@@ -113,7 +113,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
         tests=found_gate.tests[:12],
         p_value=found_gate.p_scores,
         traces=traces_of(search, chosen, root, new),
-        separation=separation,
+        proposal=proposal,
         seconds=time.monotonic() - began,
     )
 

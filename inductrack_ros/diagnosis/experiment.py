@@ -1,77 +1,67 @@
 """The run that would settle what is open: T-optimal design over a menu (Atkinson and Fedorov).
 
 For each run of the menu the truth is taken to be the chosen model; each rival is given its best chance by refitting the run's initial state
-and the shared parameters within what is known of them, and what difference remains is its separation in sigmas.
+and its parameters within what is known of them, and what difference remains is its separation in sigmas.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from ..core.errors import InputError
-from ..core.state import INDEX
+from ..core.state import GAPS, INDEX
 from ..data.measurement import Run
-from ..estimation.fit import fit
+from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.problem import Problem, lay_out
 from ..estimation.structure import Structure
-from .result import Unknown
+from .result import Proposal, Unknown
 from .search import Search, Trial
 
 SPEEDS = (12.0, 16.0, 20.0, 26.0, 34.0, 42.0)
 CURRENTS = (0.0, 3500.0, 7000.0)
 OFFSETS = ((0.0, 0.0, 0.0), (1e-3, 3e-3, 4e-3))  # heave over equilibrium, sway (m), roll (rad)
-DURATION = 3.0
+DURATIONS = (1.0, 3.0)
 RATE = 250.0
+#: Runs that set every rival apart by so many sigmas will do; no wilder ones are looked at then.
+ENOUGH = 8.0
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """One run of the menu and how far apart it puts the rivals."""
+def propose(
+    search: Search, chosen: Trial, twins: Mapping[str, tuple[str, ...]], unknown: Unknown | None, undetermined: Sequence[str]
+) -> tuple[str | None, Proposal | None]:
+    """The next run in words, and in numbers where it is one of the menu; None where none helps.
 
-    speed: float
-    current: float
-    offsets: tuple[float, float, float]
-    duration: float
-    sigmas: Mapping[str, float]
-
-    @property
-    def words(self) -> str:
-        """The run in words."""
-        drive = f"driven at {self.current:.0f} A" if self.current else "coasting"
-        heave, sway, roll = self.offsets
-        start = f", released {1e3 * heave:g} mm over the equilibrium heave, {1e3 * sway:g} mm aside and rolled {1e3 * roll:g} mrad" if any(self.offsets) else ""
-        return f"start at {self.speed:g} m/s {drive}{start}, for {self.duration:g} s"
-
-
-def propose(search: Search, chosen: Trial, twins: Mapping[str, tuple[str, ...]], unknown: Unknown | None) -> tuple[str | None, dict[str, float]]:
-    """The next run in words with the separation it gives, and that separation in sigmas by rival; None where none helps."""
+    ``undetermined`` parameters, which the runs so far say nothing about, would be free to fit the next one.
+    """
     rivals = _rival_trials(search, chosen, twins)
     if not rivals:
-        if unknown is None:
-            return None, {}
-        return _look_closer(unknown), {}
-    best = None
-    for speed in SPEEDS:
-        for current in CURRENTS:
-            for offsets in OFFSETS:
-                try:
-                    sigmas = {n: _separation(search, chosen, t, speed, current, offsets, DURATION) for n, t in rivals.items()}
-                except InputError:
-                    continue
-                worst = min(sigmas.values())
-                if best is None or worst > min(best.sigmas.values()):
-                    best = Proposal(speed, current, offsets, DURATION, sigmas)
+        return (None if unknown is None else _look_closer(unknown)), None
+
+    def tried(run: tuple) -> Proposal | None:
+        *shape, contact = run
+        if (made := _made(search, chosen, *shape, contact)) is None:
+            return None
+        return Proposal(*shape, {n: _separation(*made, t, undetermined) for n, t in rivals.items()})
+
+    best, most = None, 0.0
+    for contact, duration, current, offsets in product((False, True), DURATIONS, CURRENTS, OFFSETS):  # the gentlest first
+        found = search.map(tried, [(speed, current, offsets, duration, contact) for speed in SPEEDS])
+        for proposal in [p for p in found if p is not None]:
+            if (apart := min(proposal.sigmas.values())) > most:
+                best, most = proposal, apart
+        if most > ENOUGH:
+            break
     if best is None:
-        return None, {}
+        return None, None
     gains = ", ".join(f"{n} by {s:.1f} sigmas" for n, s in best.sigmas.items())
     if min(best.sigmas.values()) < 3.0:
-        hint = _other_means(twins)
-        return f"no single run of this kind settles it; the best ({best.words}) sets apart {gains}. {hint}", dict(best.sigmas)
-    return f"{best.words}: sets apart {gains}", dict(best.sigmas)
+        return f"no single run of this kind settles it; the best ({best.words}) sets apart {gains}. {_other_means(twins)}", best
+    return f"{best.words}: sets apart {gains}", best
 
 
 def _rival_trials(search: Search, chosen: Trial, twins: Mapping[str, tuple[str, ...]]) -> dict[str, Trial]:
@@ -84,27 +74,39 @@ def _rival_trials(search: Search, chosen: Trial, twins: Mapping[str, tuple[str, 
     return found
 
 
-def _separation(search, chosen, rival, speed, current, offsets, duration) -> float:
-    """√χ² that a rival is left with on a run made by the chosen model, after refitting the initial state."""
+def _made(search: Search, chosen: Trial, speed, current, offsets, duration, contact: bool) -> tuple[Problem, np.ndarray] | None:
+    """A run of the menu as the chosen model has it, and its exact start; None where it is not to be had with (without) contact."""
     model, problem = chosen.fit.model, search.problem
     start = model.initial_state(surge_rate=speed)
     for i, offset in zip((INDEX["heave"], INDEX["sway"], INDEX["roll"]), offsets, strict=True):
         start[i] += offset
     times = np.arange(0.0, duration, 1.0 / RATE)
-    made = model.simulate(times, start, drive_current=current)
-    channels = problem.channels
-    values = np.column_stack([made[c] for c in channels])
-    if not np.isfinite(values).all():
-        raise InputError("the run leaves all bounds")
-    run = Run("proposal", Path("proposal"), channels, times, values, times, current)
-    single = problem.subset([])
-    single.runs = (lay_out(run, model, problem.channels, problem.dof),)
-    truth = _read(single, chosen.fit.model, start[:8])
-    data = single.runs[0]
-    object.__setattr__(data, "y", truth)
-    object.__setattr__(data, "guess", start[:8].copy())
-    refit = fit(single, Structure(rival.fit.model, ()), [start[:8]], iterations=6, tolerance=0.1)
-    return float(np.sqrt(max(refit.chi2, 0.0)))
+    try:
+        made = model.simulate(times, start, drive_current=current)
+    except InputError:
+        return None
+    values = np.column_stack([made[c] for c in problem.channels])
+    gaps = np.array([made[g] for g in GAPS])
+    if not np.isfinite(values).all() or (gaps.min() < 0) != contact:
+        return None
+    single = problem.subset([0])
+    single.runs = (lay_out(Run("proposal", Path("proposal"), problem.channels, times, values, times, current), model, problem.channels, problem.dof),)
+    exact = start[:8].copy()
+    single.runs = (replace(single.runs[0], y=_read(single, model, exact), guess=exact),)
+    return single, exact
+
+
+def _separation(single: Problem, start: np.ndarray, rival: Trial, undetermined: Sequence[str]) -> float:
+    """√χ² that a rival is left with on a run, after refitting the initial state and, as far as the runs so far leave room, its parameters."""
+    f = rival.fit
+    prior = f.structure.knowing(f.theta, f.covariance, undetermined)
+    theta = prior.centre
+
+    def left(g: Fit) -> float:
+        return float(np.sqrt(max(g.chi2 + prior.surprise(g.theta), 0.0)))
+
+    near = left(fit(single, prior, [start], theta, iterations=10, tolerance=0.1))
+    return near if near < ENOUGH else min(near, left(fit_from_scratch(single, prior, theta)))  # it may only have been stuck
 
 
 def _read(problem: Problem, model, start: np.ndarray) -> np.ndarray:

@@ -77,6 +77,34 @@ class Unknown:
 
 
 @dataclass(frozen=True)
+class Proposal:
+    """A run to make next: speed (m/s), drive current (A), offsets of heave, sway (m) and roll (rad) at the start, duration (s), and by
+    how many sigmas each rival would miss it."""
+
+    speed: float
+    current: float
+    offsets: tuple[float, float, float]
+    duration: float
+    sigmas: Mapping[str, float]
+
+    def to_json(self) -> dict[str, object]:
+        """The run in numbers, SI."""
+        heave, sway, roll = self.offsets
+        return {
+            "surge_rate": self.speed, "drive_current": self.current, "heave_offset": heave, "sway": sway, "roll": roll,
+            "duration": self.duration, "separation": dict(self.sigmas),
+        }  # fmt: skip
+
+    @property
+    def words(self) -> str:
+        """The run in words."""
+        drive = f"driven at {self.current:.0f} A" if self.current else "coasting"
+        heave, sway, roll = self.offsets
+        start = f", released {1e3 * heave:g} mm over the equilibrium heave, {1e3 * sway:g} mm aside and rolled {1e3 * roll:g} mrad" if any(self.offsets) else ""
+        return f"start at {self.speed:g} m/s {drive}{start}, for {self.duration:g} s"
+
+
+@dataclass(frozen=True)
 class RunTraces:
     """One run for the report: measurements and what each set of effects predicts, by channel."""
 
@@ -111,7 +139,7 @@ class Diagnosis:
     tests: tuple[Any, ...] = ()
     p_value: float = 1.0
     traces: tuple[RunTraces, ...] = ()
-    separation: Mapping[str, float] = field(default_factory=dict)
+    proposal: Proposal | None = None
     seconds: float = 0.0
 
     @property
@@ -136,6 +164,7 @@ class Diagnosis:
                     "unit": self.unknown.unit,
                 },
                 "next_experiment": self.next_experiment,
+                "proposal": None if self.proposal is None else self.proposal.to_json(),
                 "steps": [
                     {"effects": list(s.effects), "reduced_chi2": s.reduced_chi2, "heldout_nrmse": s.heldout_nrmse}
                     for s in self.steps

@@ -113,11 +113,10 @@ def fit(
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     low, high = structure.bounds
     theta = np.clip(theta, low, high)
-    centre, precision = structure.centre, structure.precision
     states = [np.array(s if s is not None else d.guess) for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)]
 
     def penalty(th: np.ndarray, xs: Sequence[np.ndarray]) -> float:
-        total = float((th - centre) @ precision @ (th - centre))
+        total = structure.surprise(th)
         for x, d in zip(xs, problem.runs, strict=True):
             f = d.free_states
             total += float(np.sum(((x - d.guess)[f] / STATE_PRIOR[f]) ** 2))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,18 @@ class Structure:
     model: Model
     free: tuple[str, ...]
     smoothness: Mapping[str, float] = field(default_factory=dict)
+    known: tuple[np.ndarray, np.ndarray] | None = None  # mean and precision of theta from earlier runs
+
+    def knowing(self, theta: np.ndarray, covariance: np.ndarray, further: Sequence[str] = ()) -> Structure:
+        """This structure with a fit of other runs as its prior; ``further`` parameters free that those runs said nothing about."""
+        wide = replace(self, model=self.with_theta(theta), free=self.free + tuple(n for n in further if n not in self.free), known=None)
+        precision, g = wide.precision.copy(), len(theta)
+        precision[:g, :g] = np.linalg.pinv(covariance, rcond=1e-15, hermitian=True)
+        return replace(wide, known=(wide.start, precision))
+
+    def surprise(self, theta: np.ndarray) -> float:
+        """How far theta is from the prior's mean, as a χ²."""
+        return float((theta - self.centre) @ self.precision @ (theta - self.centre))
 
     def declared(self, name: str) -> Parameter:
         """Declaration of a free parameter."""
@@ -94,6 +106,8 @@ class Structure:
     @cached_property
     def precision(self) -> np.ndarray:
         """Inverse covariance (g, g) of theta's prior about its start: wide, but for tables that are to be smooth."""
+        if self.known is not None:
+            return self.known[1]
         precision = np.diag(np.full(len(self.free), THETA_PRIOR**-2.0))
         for effect, weight in self.smoothness.items():
             mine = self.tables[effect]
@@ -103,6 +117,8 @@ class Structure:
     @cached_property
     def centre(self) -> np.ndarray:
         """Theta's prior mean, (g,): where it starts, but nothing for tables."""
+        if self.known is not None:
+            return self.known[0]
         return np.where(["values[" in f for f in self.free], 0.0, self.start)
 
     @cached_property

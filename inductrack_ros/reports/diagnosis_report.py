@@ -316,7 +316,7 @@ def _open(result: Diagnosis) -> str:
             f"<p>Instead of <strong>{text(effect_name(effect))}</strong> it could be {names}: these data fit both.</p>"
         )
     if result.next_experiment:
-        apart = [f"{text(effect_name(n))}: {number(s, 2)} standard deviations" for n, s in result.separation.items()]
+        apart = [f"{text(effect_name(n))}: {number(s, 2)} standard deviations" for n, s in (result.proposal.sigmas.items() if result.proposal else ())]
         tail = f"<br>Expected difference from {'; from '.join(apart)}." if apart else ""
         parts.append(f'<div class="box"><strong>Next experiment.</strong> {text(result.next_experiment)}{tail}</div>')
     return "".join(parts)
