@@ -130,7 +130,7 @@ def test_wild_pulses_a_flood_and_wild_parameters_do_no_harm(ros, figure):
     # A flood: simulated time keeps its pace, and nobody's thrust is the sum of thousands.
     def pace(while_waiting) -> float:
         begin, first = time.monotonic(), seconds(poses[-1])
-        while time.monotonic() - begin < 1.5:
+        while time.monotonic() - begin < 1.0:
             while_waiting()
         return (seconds(poses[-1]) - first) / (time.monotonic() - begin)
 
@@ -145,8 +145,8 @@ def test_wild_pulses_a_flood_and_wild_parameters_do_no_harm(ros, figure):
             ros.spin(0.0)
 
     before, during = pace(ros.spin), pace(flood)
-    figure("flood of drive pulses", f"{sent / 1.5:.0f}/s; simulated time at {100 * during / before:.0f} % of its pace")
-    assert sent > 1000 and during > 0.2 * before
+    figure("flood of drive pulses", f"{sent:.0f}/s; simulated time at {100 * during / before:.0f} % of its pace")
+    assert sent > 300 and during > 0.2 * before
     ros.wait(lambda: fired and seconds(poses[-1]) > seconds(fired[-1]) + 0.6, "the last pulse to have burnt")
     begins = sorted(seconds(m) for m in fired)
     assert all(b - a >= PARAMETERS["pulse_length"].default for a, b in zip(begins[:-1], begins[1:], strict=True))
@@ -190,7 +190,7 @@ def test_a_clock_that_jumps_changes_nothing(ros, tmp_path, figure):
     sim = ros.start(str(jumping), "sim", "--ros-args", "-p", "paused:=true")
     ros.wait(lambda: ros.node.count_subscribers("/inductrack/pose") > 1, "the recorder to listen")
     ros.call(SetBool, "/inductrack/sim/pause", data=False)
-    ros.wait(lambda: len(poses) > 500, "a second of poses")
+    ros.wait(lambda: len(poses) > 250, "half a second of poses")
     newest = nanoseconds_of(poses[-1].header.stamp)
     ros.wait(lambda: recorded(bag)[-1] >= newest, "all of it in the bag")
     assert recorder.stop() == 0 and sim.stop() == 0
