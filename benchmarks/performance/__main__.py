@@ -23,11 +23,11 @@ def ratios(found: dict) -> dict[str, float]:
     """How many times faster ours is than each peer, by part and peer."""
     flat = {}
     if "run" in found:
-        flat |= {f"run: {n}": r["median"] for n, r in found["run"]["times_ours"].items()}
+        flat |= {f"run: {n}": r["best"] for n, r in found["run"]["times_ours"].items()}
     for name, part in found.get("ensemble", {}).items():
-        flat |= {f"ensemble, {name}: {n}": r["median"] for n, r in part["times_ours"].items()}
+        flat |= {f"ensemble, {name}: {n}": r["best"] for n, r in part["times_ours"].items()}
     if "refits" in found:
-        flat["fit: least_squares"] = found["refits"]["fit"]["ratio"]["median"]
+        flat["fit: least_squares"] = found["refits"]["fit"]["ratio"]
         if "diagnosis" in found["refits"]:
             flat["diagnosis: least_squares"] = found["refits"]["diagnosis"]["ratio"]
     if found.get("node"):
