@@ -77,7 +77,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     stand_in = [n for n in new if n.startswith("stand_in")]
     effects = tuple(n for n in new if n not in stand_in)
     verdict = "adequate" if not new and found_gate.adequate else "missing_effect" if found_gate.adequate and not stand_in else "unknown_effect"
-    twins = _twins(search, chosen, effects)
+    twins = {} if stand_in else _twins(search, chosen, effects)
     tell("how well it predicts runs left out")
     path = [tuple(new[:k]) for k in range(len(new) + 1)]
     steps = tuple(step_of(search, search.part(chosen, (*root.names, *p)), p) for p in path)
@@ -240,9 +240,12 @@ def _prune(search: Search, trial: Trial) -> Trial:
 def _exchanged(search: Search, trial: Trial) -> Trial:
     """The trial with its effects exchanged, one at a time, as long as another in its place explains more.
 
-    The first effects were chosen while the later ones were still missing, and may have stood in for them.
+    The first effects were chosen while the later ones were still missing, and may have stood in for them. Beside a force that
+    stands in for anything there is nothing to be learned from that.
     """
-    for name in [n for n in trial.names if n not in search.base.structure.effects and not n.startswith("stand_in")]:
+    if any(n.startswith("stand_in") for n in trial.names):
+        return trial
+    for name in [n for n in trial.names if n not in search.base.structure.effects]:
         for other in search.rivals(trial, name)[:1]:
             if other.chi2 < trial.chi2 + CLOSE:
                 other = search.finish(other)

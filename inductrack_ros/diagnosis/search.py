@@ -214,7 +214,9 @@ class Search:
             return self.trials[key]
         structure = trial.fit.structure.minus(name)
         keep = [trial.fit.structure.free.index(f) for f in structure.free]
-        new = Trial(self._settled(replace(trial.fit, structure=structure, theta=trial.fit.theta[keep])), names, True)
+        before, after = (sum(n.startswith("stand_in") for n in some) for some in (trial.names, names))
+        occam = trial.occam * after / before if before else 0.0
+        new = Trial(self._settled(replace(trial.fit, structure=structure, theta=trial.fit.theta[keep])), names, True, occam)
         self.keep(new)
         return self.trials[key]
 
