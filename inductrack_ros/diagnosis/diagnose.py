@@ -32,6 +32,8 @@ MOST_EFFECTS = 3
 TWINS = 6.6
 #: Quick refits this close to the best are refitted in full before they are judged.
 CLOSE = 60.0
+#: Two sets whose residuals differ by less than this part of the misfit that either leaves are twins.
+SAME = 0.25
 #: An effect without which χ² is so much larger is not one to take back.
 NEEDED = 100.0
 #: Known effects are tried first where the best promises this part of what any force of one variable does.
@@ -153,14 +155,14 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     tried = [root]
 
     def known() -> tuple[Trial, Gate] | None:
-        beam = singles[:BEAM]
+        beam = _varied(singles)
         for _ in range(MOST_EFFECTS - 1):
             grown: list[Trial] = []
             for trial in beam:
                 grown = _grown(search, trial, QUICK_LATER, grown)
                 if passing := _passing(search, grown):
                     return passing
-            beam = grown[:BEAM]
+            beam = _varied(grown)
             if not beam:
                 return None
             beam[0] = _exchanged(search, search.finish(beam[0]))
@@ -197,6 +199,21 @@ def _grown(search: Search, trial: Trial, limit: int, beside: Sequence[Trial] = (
         if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
             grown[key] = t
     return sorted(grown.values(), key=lambda t: penalised(search, t))
+
+
+def _varied(ranked: Sequence[Trial]) -> list[Trial]:
+    """The cheapest sets, `BEAM` of them, without those that leave the same misfit as a cheaper one: a twin leads nowhere new."""
+    beam: list[Trial] = []
+    for trial in ranked:
+        excess = trial.chi2 - trial.fit.samples
+        if len(beam) < BEAM and all(_apart(trial, t) > SAME * min(excess, t.chi2 - t.fit.samples) for t in beam):
+            beam.append(trial)
+    return beam
+
+
+def _apart(one: Trial, other: Trial) -> float:
+    """Squared difference of two sets' residuals over noise."""
+    return sum(float(np.nansum((a.residual - b.residual) ** 2)) for a, b in zip(one.fit.linear, other.fit.linear, strict=True))
 
 
 def _passing(search: Search, ranked: list[Trial]) -> tuple[Trial, Gate] | None:
