@@ -32,6 +32,8 @@ MOST_EFFECTS = 3
 TWINS = 6.6
 #: Quick refits this close to the best are refitted in full before they are judged.
 CLOSE = 60.0
+#: Noise that was not given and turns out below this part of what was estimated beside the misfit: the search is done again, at most so often.
+SHARPER, ROUNDS = 0.95, 3
 #: Two sets whose residuals differ by less than this part of the misfit that either leaves are twins.
 SAME = 0.25
 #: An effect without which χ² is so much larger is not one to take back.
@@ -59,22 +61,16 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model)
     notes += support.undetermined(undetermined, base)
-    search = Search(problem, base, tell, workers)
-    root = search.trials[frozenset(base.structure.effects)]
-    gate = search.gate(root)
-    try:
-        chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
-    except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
-        tell("interrupted: reporting what was found so far")
-        chosen = search.finish(min(search.trials.values(), key=lambda t: penalised(search, t)))
-        found_gate = search.gate(chosen)
-        notes.append(INTERRUPTED)
-    if len(chosen.names) > len(root.names) + 1:
-        chosen = _prune(search, chosen)
-        better = _exchanged(search, chosen)
-        if better is not chosen and (search.gate(better).adequate or not found_gate.adequate):
-            chosen = better
-        found_gate = search.gate(chosen)
+    for _ in range(ROUNDS):
+        search = Search(problem, base, tell, workers)
+        root = search.trials[frozenset(base.structure.effects)]
+        chosen, found_gate = _find(search, root, notes)
+        sigma = noise.from_residuals(problem, [p.residual for p in chosen.fit.linear], campaign.noise_std)
+        if INTERRUPTED in notes or (sigma > SHARPER * problem.sigma).all():
+            break
+        tell("the noise is smaller than it seemed beside the misfit: once more")
+        problem = problem.with_sigma(sigma)
+        base = fit(problem, base.structure, base.states, base.theta)
     new = tuple(n for n in chosen.names if n not in root.names)
     stand_in = [n for n in new if n.startswith("stand_in")]
     effects = tuple(n for n in new if n not in stand_in)
@@ -118,6 +114,25 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
         proposal=proposal,
         seconds=time.monotonic() - began,
     )
+
+
+def _find(search: Search, root: Trial, notes: list[str]) -> tuple[Trial, Gate]:
+    """The set of effects that is the answer, and what the gate says of it; an interruption is noted."""
+    try:
+        gate = search.gate(root)
+        chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
+    except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
+        search.tell("interrupted: reporting what was found so far")
+        chosen = search.finish(min(search.trials.values(), key=lambda t: penalised(search, t)))
+        found_gate = search.gate(chosen)
+        notes.append(INTERRUPTED)
+    if len(chosen.names) > len(root.names) + 1:
+        chosen = _prune(search, chosen)
+        better = _exchanged(search, chosen)
+        if better is not chosen and (search.gate(better).adequate or not found_gate.adequate):
+            chosen = better
+        found_gate = search.gate(chosen)
+    return chosen, found_gate
 
 
 def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ...]]:
