@@ -89,15 +89,19 @@ def screen(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project
     return sorted(result, key=lambda s: -s.promise)
 
 
-def _standing(project: Projector, parts: list[np.ndarray]) -> tuple[float, float] | None:
-    """Promised fall in χ² and deviation of the first coefficient; None where the data cannot see it."""
+def visible(project: Projector, parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Signature columns (N, l) with the nuisance projected out, those that leave nothing of themselves left out."""
     raw = project.stack(parts)
     projected = project(raw)
     size, left = np.linalg.norm(raw, axis=0), np.linalg.norm(projected, axis=0)
-    seen = (left > 1e-5 * size) & (left > 1e-6)  # a shape parameter says nothing while the effect vanishes
-    if not seen.any():
+    return projected[:, (left > 1e-5 * size) & (left > 1e-6)]  # a shape parameter says nothing while the effect vanishes
+
+
+def _standing(project: Projector, parts: list[np.ndarray]) -> tuple[float, float] | None:
+    """Promised fall in χ² and deviation of the first coefficient; None where the data cannot see it."""
+    projected = visible(project, parts)
+    if not projected.shape[1]:
         return None
-    projected = projected[:, seen]
     q, r = np.linalg.qr(projected)
     promise = float(np.sum((q.T @ project.residual) ** 2))
     return promise, float(np.linalg.norm(np.linalg.inv(r), axis=1)[0])

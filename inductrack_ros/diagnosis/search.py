@@ -14,7 +14,7 @@ import numpy as np
 from ..estimation.fit import Fit, approach, fit, fit_from_scratch
 from ..estimation.problem import Linearisation, Problem
 from ..workers import Cluster, Threads
-from .candidates import Candidate, Screened, effect_columns, screen, switch_columns
+from .candidates import Candidate, Screened, effect_columns, screen, switch_columns, visible
 from .gate import Gate, Projector, check
 from .signatures import responses
 
@@ -106,7 +106,7 @@ class Search:
             self.grow(parent, QUICK_LATER)
         found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k]
         for candidate in self._alike(trial, name):
-            if not any(t.names[-1] == candidate.name and t.chi2 < trial.chi2 + MARGIN for t in found):
+            if not any(candidate.name in t.names and t.chi2 < trial.chi2 + MARGIN for t in found):
                 for t in self._from_scratch(parent, [candidate]):
                     self.keep(t)
                     found.append(t)
@@ -118,13 +118,13 @@ class Search:
         mine = [k for k, full in enumerate(f.structure.free) if full.rpartition(".")[0] == name]
         project = Projector(self.problem, f, leave=mine)
         parts = [part.by_theta[:, mine] for part in f.linear] if mine else switch_columns(self.problem, f, responses(self.problem, f), name)
-        own = project(project.stack(parts))
+        own = visible(project, parts)
         own /= np.linalg.norm(own, axis=0)
         found = []
         for s in self.screened(trial):
-            other = project(project.stack(s.columns))
-            size = np.linalg.norm(other, axis=0)
-            if size.min() > 0 and np.linalg.svd(own.T @ (other / size), compute_uv=False)[0] > ALIKE:
+            other = visible(project, s.columns)
+            cosines = own.T @ (other / np.linalg.norm(other, axis=0))
+            if cosines.size and np.linalg.norm(cosines, 2) > ALIKE:
                 found.append(s.candidate)
         return found
 
