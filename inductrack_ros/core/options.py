@@ -58,6 +58,7 @@ SIM: dict[str, Parameter | Option] = {
         1.0, "s", 0.01, 3600.0, "simulated time without a drive pulse after which the controller counts as lost"
     ),
     "paused": Option(False, "start standing still, until the pause service says otherwise"),
+    "listeners": Option(0, "time begins when so many subscribe to pose, so that a recorder misses nothing", high=1000),
     "publish_clock": Option(False, "publish /clock; simulated time then begins at 0, else at the time of the start"),
     "initial_state": Option("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),
     "track_length": Parameter(1000.0, "m", 0.1, 1e6, "length of track that has drive coils, one every λ/2"),
@@ -65,7 +66,7 @@ SIM: dict[str, Parameter | Option] = {
     "track_frame": Option("track", "frame of poses, twists and wrenches"),
     "cradle_frame": Option("cradle", "frame that moves with the cradle"),
     "reliability": Option("reliable", "quality of service of what is published", ("reliable", "best_effort")),
-    "seed": Option(0, "seed of the sensors' noise"),
+    "seed": Option(-1, "seed of the sensors' noise; −1: another at every start", low=-1),
 }
 SENSORS = "measured."
 

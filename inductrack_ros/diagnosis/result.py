@@ -164,11 +164,11 @@ class Diagnosis:
                     "unit": self.unknown.unit,
                 },
                 "next_experiment": self.next_experiment,
-                "proposal": None if self.proposal is None else self.proposal.to_json(),
                 "steps": [
                     {"effects": list(s.effects), "reduced_chi2": s.reduced_chi2, "heldout_nrmse": s.heldout_nrmse}
                     for s in self.steps
                 ],
+                "proposal": None if self.proposal is None else self.proposal.to_json(),
                 "notes": list(self.notes),
                 "p_value": self.p_value,
                 "noise_std": {c: {"value": v, "given": c in self.noise_given} for c, v in self.noise.items()},

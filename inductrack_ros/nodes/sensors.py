@@ -41,7 +41,8 @@ def declared() -> dict[str, Parameter]:
 
 
 class SensorModel:
-    """Turns the truth at every tick into samples. The same seed and the same truth give the same samples."""
+    """Turns the truth at every tick into samples. The same seed and the same truth give the same samples; a negative
+    seed is another each time."""
 
     def __init__(self, values: Mapping[str, float], model: Model, seed: int) -> None:
         self.values = dict(values)
@@ -51,7 +52,7 @@ class SensorModel:
 
     def restart(self) -> None:
         """Begin a new run with the same noise."""
-        self._random = {name: np.random.default_rng([self._seed, i]) for i, name in enumerate(SENSORS)}
+        self._random = {name: np.random.default_rng([self._seed, i] if self._seed >= 0 else None) for i, name in enumerate(SENSORS)}
         self._past: deque[tuple[float, Mapping[str, float]]] = deque()
         self._taken = dict.fromkeys(SENSORS, -1)
 

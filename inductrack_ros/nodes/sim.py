@@ -108,6 +108,9 @@ class SimNode(Node):
         now = time.monotonic()
         rate, factor = self._options["rate"], self._options["speed_factor"]
         if not self._published:
+            if not self._heard():
+                self._resume()
+                return
             self._publish()
         if self.paused:
             return
@@ -186,8 +189,13 @@ class SimNode(Node):
             )
 
     def _controller_listens(self) -> bool:
-        """Whether somebody answers, and all who want poses are connected: a pose sent earlier would be lost."""
-        return self.count_publishers("lockstep/done") > 0 and self._topics.all_hear_poses()
+        """Whether somebody answers, and is heard."""
+        return self.count_publishers("lockstep/done") > 0 and self._heard()
+
+    def _heard(self) -> bool:
+        """Whether all who want poses are connected, and as many as are waited for: a pose sent earlier would be lost."""
+        enough = self.count_subscribers("pose") >= self._options["listeners"]
+        return enough and (not (self._options["lockstep"] or self._options["listeners"]) or self._topics.all_hear_poses())
 
     def _expect_answer(self) -> None:
         self._pulses_since_tick = 0
