@@ -142,7 +142,13 @@ class Structure:
     def decode(self, theta: np.ndarray) -> dict[str, float]:
         """Parameter values by full name from theta."""
         u = theta * self.scale
-        return {n: float(min(max(p.from_fit(x), p.low), p.high)) for n, p, x in zip(self.free, self.declarations, u, strict=True)}
+        values = {n: float(min(max(p.from_fit(x), p.low), p.high)) for n, p, x in zip(self.free, self.declarations, u, strict=True)}
+        for effect in self.effects:
+            item, _ = split_name(effect, self.model.known_effects, CHANNELS)
+            own = [f"{effect}.{p}" for p in item.parameters]
+            if item.canonical and all(n in values for n in own):
+                values |= {f"{effect}.{p}": v for p, v in item.canonical({p: values[f"{effect}.{p}"] for p in item.parameters}).items()}
+        return values
 
     def spread(self, theta: np.ndarray, deviation: np.ndarray) -> dict[str, float]:
         """Standard deviations of the parameter values, from those of theta, to first order."""

@@ -47,6 +47,7 @@ class Effect:
     function then returns, after what it adds or changes, the states' time derivatives. ``max_step`` (s) bounds the
     integration step while the effect is on, and a tenth of the parameter named by ``max_travel`` (m), over which the
     effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged`` or the ``pulses`` drive;
+    ``canonical`` picks one of the parameter sets that do the same;
     ``of_channel`` marks a sensor effect, used as ``name:channel``.
     """
 
@@ -60,6 +61,7 @@ class Effect:
     max_travel: str = ""
     only: str = ""
     screened: bool = True
+    canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None
 
     @property
     def of_channel(self) -> bool:
@@ -87,10 +89,11 @@ def effect(
     max_travel: str = "",
     only: str = "",
     screened: bool = True,
+    canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None,
 ) -> Callable[[Callable], Effect]:
     """Declare the decorated function an effect that ``adds`` to forces or ``changes`` quantities of the equations.
 
-    ``screened=False`` keeps it out of the diagnosis's ranking. Raises `InputError` where the declaration does not fit.
+    ``screened=False`` keeps it out of the diagnosis's ranking. ``canonical`` picks one of the parameter sets that do the same. Raises `InputError` where the declaration does not fit.
     """
 
     def declare(function: Callable) -> Effect:
@@ -116,7 +119,7 @@ def effect(
                 raise InputError(f"effect '{name}' declares {kind} '{unused[0]}' but its function does not take it")
         if max_travel and max_travel not in own:
             raise InputError(f"effect '{name}': max_travel = '{max_travel}' is not one of its parameters")
-        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened)
+        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened, canonical)
 
     return declare
 

@@ -5,9 +5,16 @@ import math
 from . import Parameter, effect
 
 
+def upright(values):
+    """The same wave with an amplitude that is not negative and a phase within half a turn."""
+    turn = values["phase"] + (math.pi if values["amplitude"] < 0 else 0.0)
+    return {**values, "amplitude": abs(values["amplitude"]), "phase": math.remainder(turn, 2 * math.pi)}
+
+
 @effect(
     changes=("track_height", "track_height_rate"),
     max_travel="wavelength",
+    canonical=upright,
     parameters={
         "amplitude": Parameter(0.0, "m", -0.01, 0.01, "amplitude a", "guideway survey", typical=5e-5),
         "wavelength": Parameter(1.0, "m", 0.02, 100.0, "wavelength Λ", "guideway survey", typical=0.05),
