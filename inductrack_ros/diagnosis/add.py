@@ -87,9 +87,7 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
 
 def _refit(how: Callable[..., Fit], problem: Problem, base: Fit, name: str, start: Mapping[str, float]) -> Fit:
     """Everything refitted with the effect, from one start of its parameters."""
-    structure = base.structure.plus(name, start)
-    theta = structure.start.copy()
-    theta[: len(base.theta)] = base.theta
+    structure, theta = base.widened(name, start)
     return how(problem, structure, base.states, theta)
 
 

@@ -145,9 +145,7 @@ class Search:
         self.tell(" + ".join([*trial.names, candidate.name]))
         best: Fit | None = None
         for start in candidate.starts:
-            structure = trial.fit.structure.plus(candidate.name, start)
-            theta = structure.start.copy()
-            theta[: len(trial.fit.theta)] = trial.fit.theta
+            structure, theta = trial.fit.widened(candidate.name, start)
             known = None if start or not candidate.parameters else _beside(trial.fit.linear, screened.columns)
             new = fit(self.single, structure, trial.fit.states, theta, 1, tolerance=0.5, reuse=trial.fit.linear, linear=known)
             if best is None or new.chi2 < best.chi2:
@@ -173,10 +171,7 @@ class Search:
             self.tell(" + ".join([*trial.names, candidate.name]) + " from scratch")
             found = []
             for start in candidate.starts:
-                structure = trial.fit.structure.plus(candidate.name, start)
-                theta = structure.start.copy()
-                theta[: len(trial.fit.theta)] = trial.fit.theta
-                found += [near for near in [approach(self.single, structure, theta)] if near]
+                found += [near for near in [approach(self.single, *trial.fit.widened(candidate.name, start))] if near]
             return sorted(found, key=lambda f: f.chi2)[:1]
 
         near = [(fits[0], c.name) for fits, c in zip(self.map(starts, candidates), candidates, strict=True) if fits]

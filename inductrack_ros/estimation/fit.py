@@ -6,7 +6,7 @@ eliminated run by run (Schur complement) and the step costs next to nothing besi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -59,6 +59,13 @@ class Fit:
     def model(self):
         """The model with the fitted parameters."""
         return self.structure.with_theta(self.theta)
+
+    def widened(self, name: str, values: Mapping[str, object] | None = None, free: Sequence[str] | None = None) -> tuple[Structure, np.ndarray]:
+        """The structure with one more effect (see `Structure.plus`) and theta, the fitted one with the effect's start behind it."""
+        structure = self.structure.plus(name, values, free)
+        theta = structure.start.copy()
+        theta[: len(self.theta)] = self.theta
+        return structure, theta
 
     @property
     def undetermined(self) -> tuple[str, ...]:
