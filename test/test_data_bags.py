@@ -1,6 +1,7 @@
 """rosbag2: there and back, what a rig records, and one broken bag per way to break one."""
 
 import os
+import resource
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 from inductrack_ros import frames
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.state import COORDINATES, GAPS, RATES, STATES
-from inductrack_ros.data import Pulses, read_bag, write_bag
+from inductrack_ros.data import Pulses, bags, read_bag, write_bag
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 EPOCH = 1_760_000_000_000_000_000
@@ -229,6 +230,51 @@ def test_roll_does_not_jump_at_half_a_turn(tmp_path):
     )
 
 
+# ---------------------------------------------------------------- long bags
+
+
+def spinning(n):
+    """Poses that roll through whole turns, each said twice, and an imu and a gap that sometimes see nothing."""
+    topics = {"pose": [], "imu": [], "gap_top": []}
+    for i in range(n):
+        stamp = EPOCH + i * 10**6
+        topics["pose"] += 2 * [pose(stamp, (0.1 * i, 0.01 * i, 0, 0.4 * i))]
+        topics["imu"].append(imu(stamp + 10**5, (i, 1, 2), -(i % 3 == 0)))
+        topics["gap_top"].append(gap(stamp, 0.005 if i % 5 else np.inf))
+    return {f"/inductrack/{key}": messages for key, messages in topics.items()}
+
+
+def test_reading_in_blocks_is_the_same_as_at_once(tmp_path, monkeypatch):
+    whole, broken = spinning(20), {GOOD: poses(9) + poses(1)}
+    bag, broken = record(tmp_path / "bag", whole), record(tmp_path / "broken", broken)
+    at_once = read_bag(bag)
+    assert at_once["roll"][~np.isnan(at_once["roll"])] == pytest.approx(0.4 * np.arange(20))
+    assert np.isnan(at_once["gap_top"]).sum() == 13 + 4  # at the imu's stamps and where it saw nothing
+    for size in (1, 2, 7):
+        monkeypatch.setattr(bags, "BLOCK", size)
+        run = read_bag(bag)
+        assert np.array_equal(run.stamps, at_once.stamps)
+        assert np.array_equal(run.values, at_once.values, equal_nan=True)
+        with pytest.raises(InputError, match="message 10 is stamped earlier than message 9"):
+            read_bag(broken)
+
+
+def test_a_bag_of_more_files_than_a_process_may_open(tmp_path):
+    bag = record(tmp_path / "bag", {GOOD: poses(1)})
+    metadata = (bag / "metadata.yaml").read_text()
+    many = "".join(f"  - {i}.mcap\n" for i in range(64))
+    for i in range(64):
+        os.link(bag / "bag.mcap", bag / f"{i}.mcap")
+    (bag / "metadata.yaml").write_text(metadata.replace("  - bag.mcap\n", many))
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 32, hard))
+        with pytest.raises(InputError, match="only one sample"):  # the same message in every file
+            read_bag(bag)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
 # ---------------------------------------------------------------- one broken bag per failure
 
 GOOD = "/inductrack/pose"
@@ -240,7 +286,7 @@ BROKEN = {
     "one message": ({GOOD: poses(1)}, "only one sample"),
     "backwards": ({GOOD: poses(3) + poses(1)}, "message 4 is stamped earlier than message 3"),
     "repeated": ({GOOD: [pose(EPOCH), pose(EPOCH, (1, 0, 0, 0))]}, "message 2 repeats the stamp of message 1"),
-    "no stamps": ({GOOD: [pose(0), pose(0)]}, "every header stamp is 0"),
+    "no stamps": ({GOOD: [pose(0), pose(0)]}, "header stamps are 0"),
     "nan": ({GOOD: [pose(EPOCH), pose(EPOCH + 1, (NAN, 0, 0, 0))]}, "NaN or infinity"),
     "no orientation": ({GOOD: [pose(EPOCH), pose(EPOCH + 1, orientation=[0, 0, 0, 0])]}, "no unit quaternion"),
     "no unit": ({GOOD: [pose(EPOCH), pose(EPOCH + 1, orientation=[0, 0, 0, 1e300])]}, "no unit quaternion"),

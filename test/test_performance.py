@@ -6,6 +6,7 @@ sees smaller losses, that it does see them.
 
 import json
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,14 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 from performance import __main__ as benchmark
-from performance import limit, many_runs, one_run, peers
+from performance import bag_memory, limit, many_runs, one_run, peers
 from performance.timing import in_turn, ratios
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
+from inductrack_ros.data import read_bag
 from inductrack_ros.estimation.ensemble import ensemble
+from inductrack_ros.nodes import bag
 
 needs_compiler = pytest.mark.skipif(limit.compiler() is None, reason="no C compiler here")
 
@@ -68,6 +71,23 @@ def test_an_ensemble_says_what_does_not_fit():
         ensemble(model, [0.0, 1.0], states, {"eta": np.ones(2)})
     with pytest.raises(InputError, match=r"states must be \(runs, 8\)"):
         ensemble(model, [0.0, 1.0], np.zeros((3, 7)))
+
+
+def test_reading_a_bag_takes_the_memory_of_the_run_and_not_twice_that(tmp_path, monkeypatch):
+    """Of what a longer bag takes more. Measured: 1.5. A file a second, as a long recording has."""
+    monkeypatch.setattr(bag, "JOINED", 0)
+
+    def peak(seconds):
+        bag_memory.record(tmp_path / str(seconds), seconds)
+        tracemalloc.start()
+        try:
+            run = read_bag(tmp_path / str(seconds))
+            return np.array([tracemalloc.get_traced_memory()[1], run.times.nbytes + run.stamps.nbytes + run.values.nbytes])
+        finally:
+            tracemalloc.stop()
+
+    more, held = peak(12) - peak(4)
+    assert more < 2 * held
 
 
 def test_the_check_sees_a_quarter():

@@ -9,7 +9,7 @@ from pathlib import Path
 RATE = 1000  # Hz
 
 
-def _record(bag: str, seconds: float) -> None:
+def record(bag: str | Path, seconds: float) -> None:
     """As `record` writes: messages as they come, a file a second, joined where the bag is short."""
     from rosbags.typesys import Stores, get_typestore
 
@@ -37,13 +37,13 @@ def _record(bag: str, seconds: float) -> None:
     out.close()
 
 
-def _read(bag: str, seconds: float) -> None:
+def read(bag: str | Path, seconds: float) -> None:
     from inductrack_ros.data.bags import read_bag
 
     assert len(read_bag(bag).times) == int(seconds * RATE)
 
 
 if __name__ == "__main__":
-    {"record": _record, "read": _read}[sys.argv[1]](sys.argv[2], float(sys.argv[3]))
+    {"record": record, "read": read}[sys.argv[1]](sys.argv[2], float(sys.argv[3]))
     status = Path("/proc/self/status").read_text()  # not getrusage, whose peak is the parent's too
     print(int(status.partition("VmHWM:")[2].split()[0]) / 1024)

@@ -1,6 +1,7 @@
 """rosbag2 in and out (MCAP or SQLite) through the pure-Python `rosbags` package: no ROS installation needed.
 
-Header stamps are the time, not the time of recording. Messages are read one by one; only floats are kept.
+Header stamps are the time, not the time of recording. Messages are read one by one and turned into channels a block
+at a time, so that reading takes the memory of the run that comes out and, but for a few columns, no more.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import os
 import tempfile
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from .. import frames
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Pulses
+from ..core.open_files import allow_files_of
 from ..core.state import ACCELERATIONS, CHANNELS, COORDINATES, GAPS, RATES
 from .measurement import Array, Run
 
@@ -41,13 +43,17 @@ TYPES = {
 }
 
 
+#: Messages that are checked and turned into channels at a time.
+BLOCK = 4096
+
+
 @dataclass
 class _Stream:
-    """What one topic gave: stamps (n,) in ns and the message's numbers (n, width)."""
+    """What one topic gave: stamps (n,) in ns and its columns (n,) of numbers."""
 
     topic: str
     stamps: NDArray[np.int64]
-    numbers: Array
+    columns: list[Array]
 
 
 def read_bag(
@@ -75,43 +81,30 @@ def read_bag(
             raise InputError(f"{path}: topics: unknown key '{key}'{did_you_mean(key, TYPES)}")
     streams = _read_streams(path, topics)
 
-    pose = streams["pose"]
-    largest = np.abs(pose.numbers[:, 3:]).max(axis=1)
-    if ((largest < 0.45) | (largest > 1.1)).any():  # a unit quaternion's largest component is between 0.5 and 1
-        raise InputError(
-            f"{path}: topic {pose.topic}: an orientation that is no unit quaternion; publish w = 1 for none"
-        )
-    coordinates = frames.pose_to_coordinates(pose.numbers[:, :3], pose.numbers[:, 3:])
-    # An angle recorded as a quaternion comes back within ±π; the model's does not jump.
-    coordinates[:, 3] = np.unwrap(coordinates[:, 3])
-
-    blocks: list[tuple[Sequence[str], _Stream, Array]] = [(COORDINATES, pose, coordinates)]
-    if twist := streams.get("twist"):
-        blocks.append((RATES, twist, frames.twist_to_rates(twist.numbers[:, :3], twist.numbers[:, 3:])))
-    if imu := streams.get("imu"):
-        start = pose.stamps[0]
-        roll = np.interp(_seconds(imu.stamps, start), _seconds(pose.stamps, start), coordinates[:, 3])
-        accelerations = frames.specific_force_to_accelerations(imu.numbers[:, :3], roll, gravity)
-        blocks.append((ACCELERATIONS[:3], imu, accelerations))
-    for gap in GAPS:
-        if stream := streams.get(gap):
-            blocks.append(((gap,), stream, stream.numbers[:, :1]))
-    for _, stream, _ in blocks:
+    pose, imu = streams["pose"], streams.get("imu")
+    if imu:
+        _rotate_to_track(imu, pose, gravity)
+    names = {"pose": COORDINATES, "twist": RATES, "imu": ACCELERATIONS[:3]} | {gap: (gap,) for gap in GAPS}
+    given = {key: streams[key] for key in names if key in streams}
+    stamps = pose.stamps
+    for stream in given.values():
         if stream.stamps[0] > pose.stamps[-1] or stream.stamps[-1] < pose.stamps[0]:
             raise InputError(
                 f"{path}: topic {stream.topic} is stamped at other times than {pose.topic}; "
                 "stamp both with one clock (use_sim_time?)"
             )
-
-    stamps = np.unique(np.concatenate([stream.stamps for _, stream, _ in blocks]))
+        if not np.array_equal(stamps, stream.stamps):
+            stamps = np.union1d(stamps, stream.stamps)
     if len(stamps) < 2:
         raise InputError(f"{path}: only one sample; a run needs at least 2")
-    channels = tuple(c for c in CHANNELS if any(c in names for names, _, _ in blocks))
-    values = np.full((len(stamps), len(channels)), np.nan)
-    for names, stream, block in blocks:
-        rows = np.searchsorted(stamps, stream.stamps)
-        for channel, column in zip(names, block.T, strict=True):
-            values[rows, channels.index(channel)] = column
+    channels = tuple(c for c in CHANNELS if any(c in names[key] for key in given))
+    values = np.empty((len(channels), len(stamps))).T  # column by column: each takes its memory as that of its source goes
+    for key, stream in given.items():
+        rows = slice(None) if np.array_equal(stamps, stream.stamps) else np.searchsorted(stamps, stream.stamps)
+        for channel in reversed(names[key]):
+            column = values[:, channels.index(channel)]
+            column[:] = np.nan
+            column[rows] = stream.columns.pop()
 
     return Run(
         name=name if name is not None else path.stem if path.is_file() else path.name,
@@ -165,7 +158,7 @@ def write_bag(
 
 # ---------------------------------------------------------------- reading
 
-#: The numbers of a message that are kept.
+#: The numbers of a message that are looked at.
 _EXTRACT: dict[str, Callable[[Any], tuple[float, ...]]] = {
     TYPES["pose"]: lambda m: (
         *_xyz(m.pose.position),
@@ -193,6 +186,7 @@ def _typestore() -> Any:
 def _read_streams(path: Path, topics: Mapping[str, str | None]) -> dict[str, _Stream]:
     """Read the wanted topics of a bag; keys of TYPES."""
     source = _storage(path)
+    allow_files_of(source)
     try:
         for file in source.glob("*.db3") if source.is_dir() else [source]:
             _check_length(file)
@@ -201,12 +195,7 @@ def _read_streams(path: Path, topics: Mapping[str, str | None]) -> dict[str, _St
             measured = any(c.topic.startswith(MEASURED) and c.msgcount for c in reader.connections)
             present = {c.topic: c.msgtype for c in reader.connections}
             wanted = _choose(path, topics, present, MEASURED if measured else TRUTH)
-            recorded = _read_messages(path, reader, set(wanted.values()))
-            return {
-                key: _checked(path, key, recorded[topic])
-                for key, topic in wanted.items()
-                if len(recorded[topic].stamps) or key == "pose"
-            }
+            return _read_messages(path, reader, wanted)
     except InputError:
         raise
     except Exception as error:
@@ -273,62 +262,123 @@ def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, 
     return wanted
 
 
-def _read_messages(path: Path, reader: Reader, topics: set[str]) -> dict[str, _Stream]:
-    """Read the topics in one pass over the bag."""
-    connections = [c for c in reader.connections if c.topic in topics]
+def _read_messages(path: Path, reader: Reader, wanted: Mapping[str, str]) -> dict[str, _Stream]:
+    """Read the topics (by key) in one pass over the bag; those without messages are left out."""
+    connections = [c for c in reader.connections if c.topic in wanted.values()]
     deserialize = _typestore().deserialize_cdr
-    stamps = {topic: array("q") for topic in topics}
-    numbers = {topic: array("d") for topic in topics}
+    readings = [_Reading(path, key, topic) for key, topic in wanted.items()]
+    by_topic = {topic: [r for r in readings if r.topic == topic] for topic in wanted.values()}
     for connection, _, raw in reader.messages(connections):
         message = deserialize(raw, connection.msgtype)
-        stamps[connection.topic].append(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
-        numbers[connection.topic].extend(_EXTRACT[connection.msgtype](message))
-    for topic in sorted(topics):
-        promised = sum(c.msgcount for c in connections if c.topic == topic)
-        if len(stamps[topic]) < promised:
-            counts = f"{len(stamps[topic])} messages where {promised} were recorded"
-            raise InputError(f"{path}: topic {topic}: {counts}; the bag is cut off: record it again")
-    return {
-        topic: _Stream(topic, np.array(stamps[topic]), np.array(numbers[topic]).reshape(max(len(stamps[topic]), 1), -1))
-        for topic in topics
-    }
+        stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        numbers = _EXTRACT[connection.msgtype](message)
+        for reading in by_topic[connection.topic]:
+            reading.add(stamp, numbers)
+    for reading in readings:
+        promised = sum(c.msgcount for c in connections if c.topic == reading.topic)
+        if reading.count < promised:
+            counts = f"{reading.count} messages where {promised} were recorded"
+            raise InputError(f"{path}: topic {reading.topic}: {counts}; the bag is cut off: record it again")
+    return {r.key: r.stream() for r in readings if r.count or r.key == "pose"}
 
 
-def _checked(path: Path, key: str, stream: _Stream) -> _Stream:
-    """The stream's measurements in the order of their stamps."""
-    where = f"{path}: topic {stream.topic}"
-    stamps, numbers = stream.stamps, stream.numbers
-    if not len(stamps):
-        raise InputError(f"{where}: no messages; record it again or {_set(key)}")
-    if key == "pulses":  # two may share a stamp, and a command may be sent before an earlier one
-        order = np.argsort(stamps, kind="stable")
-        stamps, numbers = stamps[order], numbers[order]
-    else:
-        if len(stamps) > 1 and not stamps.any():
-            raise InputError(f"{where}: every header stamp is 0; fill header.stamp before publishing")
-        # A simulator that stands still says the same again and again.
-        new = np.append(True, (np.diff(stamps) != 0) | (numbers[1:] != numbers[:-1]).any(axis=1))
+class _Reading:
+    """One topic's messages on their way into columns, checked a block at a time. Nothing else of them is kept."""
+
+    def __init__(self, path: Path, key: str, topic: str) -> None:
+        self.key, self.topic, self.where = key, topic, f"{path}: topic {topic}"
+        self.count = 0  # messages so far
+        self._stamps, self._columns = array("q"), [array("d") for _ in range(_WIDTHS[key])]
+        self._pending_stamps, self._pending = array("q"), array("d")  # what is not in the columns yet
+        self._seen = 0  # how many of those are: the last message stays, to compare the next one with
+
+    def add(self, stamp: int, numbers: tuple[float, ...]) -> None:
+        """Take a message's stamp (ns) and the numbers that `_EXTRACT` gives."""
+        self.count += 1
+        self._pending_stamps.append(stamp)
+        self._pending.extend(numbers)
+        if len(self._pending_stamps) > BLOCK:
+            self._settle()
+
+    def stream(self) -> _Stream:
+        """The measurements in the order of their stamps."""
+        if not self.count:
+            raise InputError(f"{self.where}: no messages; record it again or {_set(self.key)}")
+        self._settle()
+        if self.key != "pulses" and self.count > 1 and not self._pending_stamps[-1]:
+            raise self._unstamped()
+        if not self._stamps:
+            raise InputError(
+                f"{self.where}: every message says that it is no measurement (out of the sensor's range, or a covariance "
+                f"of -1); leave the topic out with topics: {{{self.key}: null}}"
+            )
+        return _Stream(self.topic, np.frombuffer(self._stamps, np.int64), [np.frombuffer(c) for c in self._columns])
+
+    def _unstamped(self) -> InputError:
+        return InputError(f"{self.where}: header stamps are 0; fill header.stamp before publishing")
+
+    def _settle(self) -> None:
+        """Check what is pending and put it into the columns."""
+        stamps = np.array(self._pending_stamps)
+        numbers = np.array(self._pending).reshape(len(stamps), -1)
+        new = np.arange(len(stamps)) >= self._seen
+        if self.key != "pulses":  # two may share a stamp, and a command may be sent before an earlier one
+            # A simulator that stands still says the same again and again.
+            new[1:] = (np.diff(stamps) != 0) | (numbers[1:] != numbers[:-1]).any(axis=1)
+            self._check_order(stamps, new)
+        if self.key in GAPS:
+            new &= _within_range(numbers)
+        elif self.key == "imu":
+            new &= numbers[:, 3] == 0
+        self._append(stamps[new], numbers[new])
+        del self._pending_stamps[:-1], self._pending[: -numbers.shape[1]]
+        self._seen = 1
+
+    def _check_order(self, stamps: NDArray[np.int64], new: NDArray[np.bool_]) -> None:
         backwards = np.flatnonzero((np.diff(stamps) <= 0) & new[1:])
-        if len(backwards):
-            i = int(backwards[0]) + 1
-            what = "repeats the stamp of" if stamps[i] == stamps[i - 1] else "is stamped earlier than"
-            raise InputError(
-                f"{where}: message {i + 1} {what} message {i}; stamps must increase: one publisher, one run to a bag"
-            )
-        stamps, numbers = stamps[new], numbers[new]
-    if key == "imu" or key in GAPS:
-        present = _within_range(numbers) if key in GAPS else numbers[:, 3] == 0
-        stamps, numbers = stamps[present], numbers[present]
-        if not len(stamps):
-            raise InputError(
-                f"{where}: every message says that it is no measurement (out of the sensor's range, or a covariance "
-                f"of -1); leave the topic out with topics: {{{key}: null}}"
-            )
-    broken = ~np.isfinite(numbers[:, :1] if key in GAPS else numbers).all(axis=1)
-    if broken.any():
-        first = int(np.argmax(broken))
-        raise InputError(f"{where}: NaN or infinity {(stamps[first] - stamps[0]) / 1e9} s after the first message")
-    return _Stream(stream.topic, stamps, numbers)
+        if not len(backwards):
+            return
+        i = int(backwards[0]) + 1
+        if not stamps[: i + 1].any():
+            raise self._unstamped()
+        what = "repeats the stamp of" if stamps[i] == stamps[i - 1] else "is stamped earlier than"
+        number = self.count - len(stamps) + i
+        raise InputError(
+            f"{self.where}: message {number + 1} {what} message {number}; stamps must increase: one publisher, one run to a bag"
+        )
+
+    def _append(self, stamps: NDArray[np.int64], numbers: Array) -> None:
+        broken = ~np.isfinite(numbers[:, :1] if self.key in GAPS else numbers).all(axis=1)
+        if broken.any():
+            after = stamps[int(np.argmax(broken))] - (self._stamps or stamps)[0]
+            raise InputError(f"{self.where}: NaN or infinity {after / 1e9} s after the first message")
+        if self.key == "pose":
+            largest = np.abs(numbers[:, 3:]).max(axis=1)
+            if ((largest < 0.45) | (largest > 1.1)).any():  # a unit quaternion's largest component is between 0.5 and 1
+                raise InputError(f"{self.where}: an orientation that is no unit quaternion; publish w = 1 for none")
+            numbers = frames.pose_to_coordinates(numbers[:, :3], numbers[:, 3:])
+            # An angle recorded as a quaternion comes back within ±π; the model's does not jump.
+            numbers[:, 3] = np.unwrap(np.append(self._columns[3][-1:], numbers[:, 3]))[-len(numbers) or None :]
+        elif self.key == "twist":
+            numbers = frames.twist_to_rates(numbers[:, :3], numbers[:, 3:])
+        self._stamps.frombytes(stamps.tobytes())
+        for column, values in zip(self._columns, numbers.T, strict=False):
+            column.frombytes(values.tobytes())
+
+
+#: Columns that a topic gives: coordinates, rates, specific force, gap, coil and current.
+_WIDTHS = {"pose": 4, "twist": 4, "imu": 3, **dict.fromkeys(GAPS, 1), "pulses": 2}
+
+
+def _rotate_to_track(imu: _Stream, pose: _Stream, gravity: float) -> None:
+    """Turn the specific force in an Imu's columns into second derivatives, by the roll of the pose at its stamps."""
+    times, start = _seconds(pose.stamps, pose.stamps[0]), pose.stamps[0]
+    for first in range(0, len(imu.stamps), BLOCK):
+        rows = slice(first, first + BLOCK)
+        roll = np.interp(_seconds(imu.stamps[rows], start), times, pose.columns[3])
+        force = np.column_stack([column[rows] for column in imu.columns])
+        for column, values in zip(imu.columns, frames.specific_force_to_accelerations(force, roll, gravity).T, strict=True):
+            column[rows] = values
 
 
 def _within_range(numbers: Array) -> NDArray[np.bool_]:
@@ -345,10 +395,12 @@ def _within_range(numbers: Array) -> NDArray[np.bool_]:
 def _pulses(path: Path, stream: _Stream | None, start: int) -> Pulses | None:
     if stream is None:
         return None
-    coils = np.rint(stream.numbers[:, 0])
-    if (np.abs(stream.numbers[:, 0] - coils) > 1e-6).any() or (np.abs(coils) > 2**53).any():
+    order = np.argsort(stream.stamps, kind="stable")
+    places, currents = (column[order] for column in stream.columns)
+    coils = np.rint(places)
+    if (np.abs(places - coils) > 1e-6).any() or (np.abs(coils) > 2**53).any():
         raise InputError(f"{path}: topic {stream.topic}: point.x must be a whole coil index")
-    return Pulses(_seconds(stream.stamps, start), coils.astype(np.int64), stream.numbers[:, 1].copy())
+    return Pulses(_seconds(stream.stamps[order], start), coils.astype(np.int64), currents)
 
 
 def _seconds(stamps: NDArray[np.int64], start: int) -> Array:

@@ -15,6 +15,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
 from ..core.errors import InputError
+from ..core.open_files import allow_files_of
 from .record import message_class
 from .runtime import every, run
 from .topics import DEPTH
@@ -30,6 +31,7 @@ class Player(Node):
         super().__init__("play")
         self._options = options
         self.finished = False
+        allow_files_of(options.bag)
         try:
             self._reader = AnyReader([Path(options.bag)])
             self._reader.open()
