@@ -110,6 +110,7 @@ class Ros:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._processes: list[Process] = []
+        self._subscriptions: list = []
 
     def start(self, what: str, *args: str) -> Process:
         """Run the node of that name, or a Python file."""
@@ -127,8 +128,20 @@ class Ros:
     def listen(self, kind: type, topic: str) -> list:
         """A list that grows with what is published from now on."""
         heard: list = []
-        self.node.create_subscription(kind, topic, heard.append, 10000)
+        self._subscriptions.append(self.node.create_subscription(kind, topic, heard.append, 10000))
         return heard
+
+    def connect(self, *nodes: str) -> None:
+        """From here on all is heard that these nodes publish on the topics that are listened to.
+
+        DDS connects the two ends of a topic one after the other. This end tells; what the other end has done an answer
+        to a request that was made later shows, as a node learns of our readers in their order.
+        """
+        from rcl_interfaces.srv import ListParameters
+
+        self.wait(lambda: all(s.get_publisher_count() for s in self._subscriptions), "publishers of all that is listened to")
+        for node in nodes:
+            self.call(ListParameters, f"{node}/list_parameters")
 
     def publisher(self, kind: type, topic: str):
         """A publisher that somebody listens to already."""
