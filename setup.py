@@ -40,7 +40,7 @@ setup(
         ],
         "test": ["pytest", "hypothesis", "import-linter", "colcon-common-extensions", "dask[distributed]"],
         "cluster": ["dask[distributed]"],
-        "benchmark": ["pysindy>=2.1", "scikit-sundae"],
+        "benchmark": ["pysindy>=2.1", "scikit-sundae", "matplotlib"],
     },
     zip_safe=True,
     entry_points={

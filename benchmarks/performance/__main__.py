@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="fewer repeats, no diagnosis, no bags")
     parser.add_argument("--check", action="store_true", help="quick, and fail where a ratio is a quarter worse than the baseline's")
     parser.add_argument("--baseline", action="store_true", help="quick, and make this the baseline")
-    parser.add_argument("--bag-seconds", type=float, default=120.0, help="length of the longer bag; 3600 for the hour")
+    parser.add_argument("--bag-seconds", type=float, default=480.0, help="length of the longest bag; 3600 for the hour")
     given = parser.parse_args()
     quick = given.quick or given.check or given.baseline
     parts = CHECKED if given.check or given.baseline else given.parts
@@ -57,6 +57,8 @@ def main() -> int:
     for name in parts:
         print(f"{TITLES[name]} …", file=sys.stderr, flush=True)
         found[name] = growth.measure(quick, given.bag_seconds) if name == "growth" else PARTS[name].measure(quick)
+        if name == "growth":
+            growth.plot(found[name])
         text += ["", f"### {TITLES[name]}", "", *PARTS[name].table(found[name])]
         given.output.parent.mkdir(parents=True, exist_ok=True)
         given.output.write_text(json.dumps(found, indent=1, default=str))

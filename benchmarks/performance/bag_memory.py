@@ -1,4 +1,4 @@
-"""Peak memory (MB) of recording a bag of pose and twist at 1 kHz, or of reading it: bag_memory.py record|read BAG SECONDS."""
+"""Peak memory (MB) of recording a bag of pose and twist at 1 kHz, reading or playing it: bag_memory.py record|read|play BAG SECONDS."""
 
 from __future__ import annotations
 
@@ -43,7 +43,17 @@ def read(bag: str | Path, seconds: float) -> None:
     assert len(read_bag(bag).times) == int(seconds * RATE)
 
 
+def play(bag: str | Path, seconds: float) -> None:
+    """As `play` does, as fast as it can, to nobody."""
+    from inductrack_ros.nodes.domain import claim_domain
+
+    with claim_domain():
+        from inductrack_ros.nodes.play import main
+
+        assert main(["play", str(bag), "--at-once", "--rate", "1000"]) == 0
+
+
 if __name__ == "__main__":
-    {"record": record, "read": read}[sys.argv[1]](sys.argv[2], float(sys.argv[3]))
+    {"record": record, "read": read, "play": play}[sys.argv[1]](sys.argv[2], float(sys.argv[3]))
     status = Path("/proc/self/status").read_text()  # not getrusage, whose peak is the parent's too
     print(int(status.partition("VmHWM:")[2].split()[0]) / 1024)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,8 @@ from inductrack_ros.estimation.ensemble import ensemble
 
 from .many_runs import SPEEDS, TIMES, draw
 from .refits import CAMPAIGN
+
+PLOT = Path(__file__).parents[2] / "docs" / "growth.svg"
 
 
 def _seconds(task, repeats: int) -> float:
@@ -55,15 +56,47 @@ def measure(quick: bool, bag_seconds: float | None = None) -> dict:
     result = {"cost": {n: {"sizes": s, "seconds": c, "exponent": _exponent(s, c)} for n, (s, c) in found.items()}}
     if not quick:
         long = bag_seconds or 120.0
-        result["memory"] = {str(seconds): _memory(seconds) for seconds in (long / 4, long)}
+        result["memory"] = {str(seconds): _memory(seconds) for seconds in (long / 16, long / 4, long)}
     return result
 
 
 def _memory(seconds: float) -> dict[str, float]:
-    """Peak memory (MB) of a process that records a bag of pose and twist at 1 kHz, and of one that reads it."""
+    """Peak memory (MB) of a process that records a bag of pose and twist at 1 kHz, of one that reads it and of one that plays it."""
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "bag"
-        return {what: json.loads(subprocess.run([sys.executable, str(Path(__file__).with_name("bag_memory.py")), what, str(bag), str(seconds)], check=True, capture_output=True, text=True).stdout) for what in ("record", "read")}
+        command = [sys.executable, str(Path(__file__).with_name("bag_memory.py"))]
+        peaks = {}
+        for what in ("record", "read", "play"):
+            said = subprocess.run([*command, what, str(bag), str(seconds)], check=True, capture_output=True, text=True).stdout
+            peaks[what] = float(said.split()[-1])
+        return peaks
+
+
+def plot(found: dict, path: Path = PLOT) -> None:
+    """The costs as a picture, if matplotlib is here."""
+    try:
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+        from matplotlib.ticker import FuncFormatter
+    except ImportError:
+        return
+    axes = Figure(figsize=(6.4, 4.0), layout="constrained").add_subplot()
+    most = 1.0
+    for (name, c), marker in zip(found["cost"].items(), "os^", strict=True):
+        more, longer = np.array(c["sizes"]) / c["sizes"][0], np.array(c["seconds"]) / c["seconds"][0]
+        axes.plot(more, longer, marker=marker, label=f"{name}, {c['sizes'][0]} to {c['sizes'][-1]}: slope {c['exponent']:.2f}")
+        most = max(most, more[-1])
+    axes.plot([1, most], [1, most], "k--", linewidth=1, label="slope 1: twice as many, twice as long")
+    axes.set(xscale="log", yscale="log", xlabel="times as many as the fewest", ylabel="times the processor time of the fewest", title="How cost grows")
+    ticks = 2 ** np.arange(int(np.log2(most)) + 1)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_ticks(ticks)
+        axis.set_ticks([], minor=True)
+        axis.set_major_formatter(FuncFormatter("{:g}".format))
+    axes.grid(color="0.9")
+    axes.legend(frameon=False)
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": PLOT.name}):
+        axes.figure.savefig(path, metadata={"Date": None})
 
 
 def table(found: dict) -> list[str]:
@@ -73,6 +106,6 @@ def table(found: dict) -> list[str]:
         pairs = ", ".join(f"{n}: {s:.3g}" for n, s in zip(c["sizes"], c["seconds"], strict=True))
         lines.append(f"| {name} | {pairs} | {c['exponent']:.2f} |")
     if memory := found.get("memory"):
-        lines += ["", "| bag at 1 kHz, pose and twist | peak memory recording (MB) | peak memory reading (MB) |", "|---|---|---|"]
-        lines += [f"| {float(s):g} s | {m['record']:.0f} | {m['read']:.0f} |" for s, m in memory.items()]
+        lines += ["", "| bag at 1 kHz, pose and twist | peak memory (MB) recording | reading | playing |", "|---|---|---|---|"]
+        lines += [f"| {float(s):g} s | {m['record']:.0f} | {m['read']:.0f} | {m['play']:.0f} |" for s, m in memory.items()]
     return lines
