@@ -22,8 +22,8 @@ from ..monitoring.monitor import Monitor, Window
 from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .parameters import Option, declare, effect_parameters, given, plain, refuse_unknown, with_values
-from .runtime import NAMESPACE, every, run
-from .topics import DEPTH, fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
+from .runtime import DEPTH, NAMESPACE, every, run
+from .topics import fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
 
 _NOISE = {f"measured.{s}.noise": sensors.declared()[f"measured.{s}.noise"] for s in STATES}
 OWN = {

@@ -17,8 +17,7 @@ from rosbags.interfaces import QosReliability
 from ..core.errors import InputError
 from ..core.open_files import allow_files_of
 from .record import message_class
-from .runtime import every, run
-from .topics import DEPTH
+from .runtime import DEPTH, every, run
 
 LOOK = 1e-3  # s between looks whether a message is due
 AT_ONCE = 500  # messages published between looks at Ctrl-C

@@ -22,9 +22,9 @@ from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
 from .parameters import declare, effect_parameters, given, plain, refuse_unknown, with_values
-from .runtime import NAMESPACE, every, run
+from .runtime import DEPTH, NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
-from .topics import DEPTH, SimulatorTopics, channels, nanoseconds_of, stamp_of
+from .topics import SimulatorTopics, channels, nanoseconds_of, stamp_of
 
 OWN = {**SIM, **sensors.declared()}
 LIVE = {"speed_factor", "lockstep_timeout", "command_timeout", *PARAMETERS, *sensors.declared()}
@@ -193,9 +193,9 @@ class SimNode(Node):
         return self.count_publishers("lockstep/done") > 0 and self._heard()
 
     def _heard(self) -> bool:
-        """Whether all who want poses are connected, and as many as are waited for: a pose sent earlier would be lost."""
+        """Whether all who listen are connected, and as many as are waited for: what is sent earlier would be lost."""
         enough = self.count_subscribers("pose") >= self._options["listeners"]
-        return enough and (not (self._options["lockstep"] or self._options["listeners"]) or self._topics.all_hear_poses())
+        return enough and (not (self._options["lockstep"] or self._options["listeners"]) or self._topics.all_hear())
 
     def _expect_answer(self) -> None:
         self._pulses_since_tick = 0

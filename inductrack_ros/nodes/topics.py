@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -9,6 +10,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PointStamped, PoseStamped, TransformStamped, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, Range
@@ -17,6 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from .. import frames
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
 from .drive import Pulse
+from .runtime import DEPTH
 from .scene import scene
 from .sensors import SENSORS
 
@@ -25,8 +28,8 @@ try:
 except ImportError:  # not among the PyPI wheels
     TFMessage = None
 
-DEPTH = 1000
 TICK_DEPTH = 10_000  # of what is published at every tick: a recorder that stands still for seconds loses nothing
+SETTLED = 0.5  # s without another listener; recorders look for topics more often
 NEWTON_METRES = 0.002  # length of a force arrow in m per N
 _COLOURS = {"lift": (0.1, 0.5, 1.0), "drag": (1.0, 0.3, 0.1), "thrust": (0.1, 0.8, 0.2), "total": (0.1, 0.1, 0.1)}
 _OTHER_COLOUR = (0.6, 0.2, 0.8)
@@ -72,8 +75,14 @@ class SimulatorTopics:
     ) -> None:
         reliable = ReliabilityPolicy.RELIABLE if reliability == "reliable" else ReliabilityPolicy.BEST_EFFORT
 
-        def publisher(kind: type, name: str, depth: int = DEPTH):
-            return node.create_publisher(kind, name, QoSProfile(depth=depth, reliability=reliable))
+        self._publishers: list[Publisher] = []
+        self._listeners: list[int] = []  # as many to each publisher, and since when (s, monotonic)
+        self._since = 0.0
+
+        def publisher(kind: type, name: str, depth: int = DEPTH) -> Publisher:
+            made = node.create_publisher(kind, name, QoSProfile(depth=depth, reliability=reliable))
+            self._publishers.append(made)
+            return made
 
         self._node = node
         self._messages: dict[tuple[type, str], object] = {}
@@ -102,10 +111,16 @@ class SimulatorTopics:
         message.header.stamp = stamp
         return message
 
-    def all_hear_poses(self) -> bool:
-        """Whether every subscriber of pose that the graph knows is connected, and there is one."""
+    def all_hear(self) -> bool:
+        """Whether every subscriber of pose that the graph knows is connected, there is one, and nobody else comes.
+
+        A recorder subscribes to one topic after the other; whoever hears poses may not yet hear the rest.
+        """
+        listeners = [publisher.get_subscription_count() for publisher in self._publishers]
+        if listeners != self._listeners:
+            self._listeners, self._since = listeners, time.monotonic()
         known = self._node.count_subscribers("pose")
-        return 0 < known <= self._pose.get_subscription_count()
+        return 0 < known <= self._pose.get_subscription_count() and time.monotonic() - self._since > SETTLED
 
     def clock(self, stamp: Time) -> None:
         if self._clock:

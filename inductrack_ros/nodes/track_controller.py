@@ -18,8 +18,8 @@ from .detectors import Photodiodes
 from .diagnostics import PERIOD, Diagnostics
 from .firing import FiringPlan, Motion, SpeedHold
 from .parameters import MODEL_OPTIONS, Option, declare, given, plain, refuse_unknown
-from .runtime import NAMESPACE, every, run
-from .topics import DEPTH, nanoseconds_of, pulse_message, stamp_of
+from .runtime import DEPTH, NAMESPACE, every, run
+from .topics import nanoseconds_of, pulse_message, stamp_of
 
 DECLARED = {
     "mode": Option("current", "fire at a given current, or hold a speed", ("current", "speed")),
