@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from scipy.optimize import brentq
 
 from . import kernel as kernels
 from .effects import Effect, load_effects, split_name
@@ -287,6 +286,8 @@ class Model:
 
     def equilibrium_heave(self, speed: float) -> float:
         """Heave at which the vertical forces balance at ``speed`` (m/s), on the track where nothing carries. Newtons cancel to 1e-9."""
+        from scipy.optimize import brentq  # slow to import; most nodes start without it
+
         x = np.zeros(len(self.kernel.states))
         x[INDEX["surge_rate"]] = speed
 
