@@ -21,10 +21,6 @@ UNDETERMINED = 0.3
 LOST = 1e12
 #: Part of a large misfit's χ² that is not worth another step: nobody needs the wrong model's parameters to many digits.
 COARSE = 1e-4
-#: Channels that tell something of sway or roll; where none is there, starts (m, rad) to try over a first horizon (s).
-SIDEWAYS = {"sway", "roll", "sway_rate", "roll_rate", "gap_right", "gap_left", "sway_acceleration"}
-UNSEEN_STARTS = tuple((s, r) for s in (0.0, 1.2e-3, 2.4e-3) for r in (-3e-3, 0.0, 3e-3) if s or r >= 0)
-UNSEEN_HORIZON = 0.5
 #: Growing horizons of a fit from scratch (s).
 HORIZONS = (0.15, 0.4, 0.8)
 #: Where even the first horizon misses by this many times the noise's χ², each free parameter is also started at these multiples.
@@ -122,26 +118,22 @@ def fit(
     theta = np.clip(theta, low, high)
     states = [np.array(s if s is not None else d.guess) for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)]
 
-    def penalty(th: np.ndarray, xs: Sequence[np.ndarray]) -> float:
-        total = structure.surprise(th)
-        for x, d in zip(xs, problem.runs, strict=True):
-            f = d.free_states
-            total += float(np.sum(((x - d.guess)[f] / STATE_PRIOR[f]) ** 2))
-        return total
+    def costs(residuals: Sequence[np.ndarray], xs: Sequence[np.ndarray]) -> np.ndarray:
+        """χ² of each run up to the horizon and of its initial state's prior."""
+        prior = [((x - d.guess) / STATE_PRIOR)[d.free_states] for x, d in zip(xs, problem.runs, strict=True)]
+        return np.array([chi_square([r]) + p @ p for r, p in zip(_within(problem, residuals, until), prior, strict=True)])
 
-    def at(th: np.ndarray, xs: Sequence[np.ndarray], known: Sequence[np.ndarray] | None = None) -> tuple[list[np.ndarray], float]:
-        residuals = known or problem.residuals(structure, th, xs, until)
-        return residuals, chi_square(_within(problem, residuals, until)) + penalty(th, xs)
-
-    damping, converged = 1e-3, False
+    damping, of_runs, converged = 1e-3, np.full(len(states), 1e-3), False
     if linear is None:
         linear = problem.linearise(structure, theta, states, until, reuse)
-    _, current = at(theta, states, [part.residual for part in linear])
+    residuals = [part.residual for part in linear]
+    each = costs(residuals, states)
+    current = float(each.sum()) + structure.surprise(theta)
     for left in reversed(range(iterations)):
         accepted = False
         for _ in range(8):
             try:
-                step, local, gain = _solve(problem, linear, theta, structure, states, damping, until)
+                step, local, gain = _solve(problem, linear, theta, structure, states, damping, of_runs, until)
             except np.linalg.LinAlgError:  # derivatives beyond all bounds: nothing to be had from here
                 break
             enough = tolerance + COARSE * max(current - 2.0 * problem.samples, 0.0)
@@ -150,11 +142,24 @@ def fit(
                 break
             new_theta = np.clip(theta + step, low, high)
             new_states = [x + dx for x, dx in zip(states, local, strict=True)]
-            residuals, trial = at(new_theta, new_states)
+            residuals = problem.residuals(structure, new_theta, new_states, until)
+            each = costs(residuals, new_states)
+            better = np.ones(len(states), bool)
+            if not current - float(each.sum()) - structure.surprise(new_theta) > 0.5 * gain:
+                # Curved valleys: a run that fares better where it was stays there and goes on with a damping of its own.
+                stayed = problem.residuals(structure, new_theta, states, until)
+                at_rest = costs(stayed, states)
+                better = each < at_rest
+                new_states = [new if b else x for new, x, b in zip(new_states, states, better, strict=True)]
+                residuals = [r if b else rest for r, rest, b in zip(residuals, stayed, better, strict=True)]
+                each = np.where(better, each, at_rest)
+            trial = float(each.sum()) + structure.surprise(new_theta)
+            good = (current - trial) / gain
+            ease = 0.1 if good > 0.5 else 0.5 if good > 0.0 else 1.0
+            of_runs = np.where(better, np.maximum(ease * of_runs, 1e-9), 10.0 * of_runs)
             if trial < current:
                 accepted = True
-                good = (current - trial) / gain
-                damping = max(damping * (0.1 if good > 0.5 else 0.5), 1e-9)
+                damping = max(ease * damping, 1e-9)
                 break
             damping *= 10.0
         if converged or not accepted:
@@ -179,34 +184,35 @@ def _blocks(data, part: Linearisation, until: float):
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
 
 
-def _solve(problem, linear, theta, structure, states, damping, until):
-    """Damped step of theta and of each run's states, and the fall in cost it promises."""
+def _solve(problem, linear, theta, structure, states, damping, of_runs, until):
+    """Step of theta and of each run's states and the fall in cost it promises, theta damped by ``damping``, the states of each run by ``of_runs``."""
     g = len(theta)
     low, high = structure.bounds
     A = structure.precision.copy()
     b = A @ (structure.centre - theta)
     runs = []
-    for data, part, x in zip(problem.runs, linear, states, strict=True):
+    for data, part, x, own in zip(problem.runs, linear, states, of_runs, strict=True):
         r, G, X = _blocks(data, part, until)
         f = part.free_states
         weight = STATE_PRIOR[f] ** -2.0
         C = X.T @ X + np.diag(weight)
         d = X.T @ r + weight * (data.guess - x)[f]
-        runs.append((C, G.T @ X, d, f))
+        runs.append((C, G.T @ X, d, f, own))
         A += G.T @ G
         b += G.T @ r
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         raise np.linalg.LinAlgError("a simulation left all bounds")
     held = np.zeros(g, bool)
     for _ in range(g + 1):  # parameters that would leave their range are held at its edge
-        S, s = A + damping * np.diag(np.diag(A)), b.copy()
+        S, s = A.copy(), b.copy()
         solved = []
-        for C, B, d, _ in runs:
-            Cd = C + damping * np.diag(np.diag(C))
+        for C, B, d, _, own in runs:
+            Cd = C + own * np.diag(np.diag(C))
             inverse = np.linalg.solve(Cd, np.column_stack([B.T, d]))
             solved.append(inverse)
             S = S - B @ inverse[:, :g]
             s = s - B @ inverse[:, g]
+        S += damping * np.diag(np.maximum(np.diag(S), 1e-12 * np.diag(A)))
         free = ~held
         step = np.zeros(g)
         if free.any():
@@ -216,7 +222,7 @@ def _solve(problem, linear, theta, structure, states, damping, until):
             break
         held |= out
     local, gain = [], 2.0 * b @ step - step @ A @ step
-    for (C, B, d, f), inverse in zip(runs, solved, strict=True):
+    for (C, B, d, f, _), inverse in zip(runs, solved, strict=True):
         dx = inverse[:, g] - inverse[:, :g] @ step
         gain += 2.0 * d @ dx - dx @ C @ dx - 2.0 * step @ B @ dx
         full = np.zeros(8)
@@ -248,9 +254,7 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
 def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
     """The fit over the last of the growing horizons (χ² within it); None where the runs are too short for any."""
     longest = max(d.grid[-1] for d in problem.runs)
-    unseen = problem.dof == 4 and not SIDEWAYS & set(problem.channels)
-    states = _unseen_starts(problem, structure) if unseen else None
-    given, near = theta is not None, None
+    given, near, states = theta is not None, None, None
     for k, horizon in enumerate(h for h in HORIZONS if h < 0.8 * longest):
         step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0)
         if k == 0 and not given and not step.chi2 < FAR_OFF * sum(int((d.time <= horizon).sum()) for d in problem.runs):
@@ -270,17 +274,3 @@ def _far_starts(problem: Problem, structure: Structure, states: Sequence[np.ndar
                 fits.append(fit(problem, structure, states, structure.encode(values), iterations=8, until=until, tolerance=1.0))
     return fits
 
-
-def _unseen_starts(problem: Problem, structure: Structure) -> list[np.ndarray]:
-    """Initial states where nothing measures sway and roll: these still show in heave, but alike for either side, so a fit
-    started in the middle would never leave it. The best of some starts, run by run."""
-    held = Structure(structure.model, ())
-    best: list[tuple[float, np.ndarray]] = [(np.inf, d.guess) for d in problem.runs]
-    for sway, roll in UNSEEN_STARTS:
-        start = [d.guess + np.array([0.0, sway, 0.0, roll, 0.0, 0.0, 0.0, 0.0]) for d in problem.runs]
-        trial = fit(problem, held, start, iterations=8, until=UNSEEN_HORIZON, tolerance=1.0)
-        for i, (d, part) in enumerate(zip(problem.runs, trial.linear, strict=True)):
-            chi2 = float(np.nansum(part.residual[d.time <= UNSEEN_HORIZON] ** 2))
-            if chi2 < best[i][0]:
-                best[i] = chi2, trial.states[i]
-    return [x for _, x in best]
