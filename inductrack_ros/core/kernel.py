@@ -1,8 +1,9 @@
 """From equations and effects to machine code.
 
 One Python module is written per set of effects: the statements of `equations`, a call of each effect after the
-statement that gives what it changes, and the text of `integrator`. numba compiles it once and keeps the result on
-disk under a hash of everything that went in, so a changed effect is a new module and never a stale one.
+statement that gives what it changes, and the text of `integrator`; then the statements alone and the text of `lanes`.
+numba compiles it once and keeps the result on disk under a hash of everything that went in, so a changed effect is a
+new module and never a stale one.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ import numba
 import numpy as np
 
 from . import effects as effects_package
-from . import equations, integrator
+from . import equations, integrator, lanes
 from .effects import Effect
 from .errors import InputError, did_you_mean
 from .parameters import PARAMETERS
@@ -56,7 +57,8 @@ class Kernel:
     """Compiled functions for one ordered set of effects, and where their numbers stand.
 
     ``parameters`` names the entries of the parameter vector P, ``states`` those of the state vector, ``effects`` the
-    entries of the switch vector ``on``. ``simulate_batch`` and ``evaluate`` are `integrator`'s.
+    entries of the switch vector ``on``. ``simulate_batch`` and ``evaluate`` are `integrator`'s;
+    ``fly`` is `lanes`'s and compiled on its first call.
     """
 
     effects: tuple[str, ...]
@@ -65,6 +67,7 @@ class Kernel:
     started_on: tuple[str, ...]
     simulate_batch: Callable
     evaluate: Callable
+    fly: Callable
     source: str
 
 
@@ -210,16 +213,19 @@ def _fingerprint(function: Callable, seen: set[int]) -> str:
     return "|".join(parts)
 
 
+def _compiled(text: str, options: str, *names: str) -> str:
+    """``text`` with these of its functions handed to numba."""
+    for name in names:
+        text = text.replace(f"\ndef {name}(", f"\n@njit(nogil=True, error_model='numpy', {options})\ndef {name}(", 1)
+    return text
+
+
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
     constants = {name.upper(): column[name] for name in PARAMETERS}
     constants |= {"N_STATES": n_states, "PADDED": (n_states + 3) // 4 * 4, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
     jitted = ["pulse_sum", "until_pulse_edge", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "sticks", "integrate"]
-    text = inspect.getsource(integrator)
-    options = "nogil=True, error_model='numpy'"
-    for name in jitted:
-        text = text.replace(f"\ndef {name}(", f"\n@njit({options}, _nrt=False)\ndef {name}(", 1)
-    for name in ("simulate_batch", "evaluate"):
-        text = text.replace(f"\ndef {name}(", f"\n@njit({options}, cache=True)\ndef {name}(", 1)
+    text = _compiled(inspect.getsource(integrator), "_nrt=False", *jitted)
+    text = _compiled(text, "cache=True", "simulate_batch", "evaluate")
     head = [
         "from math import cos, exp, pi, sin, sqrt",
         "import numpy as np",
@@ -228,13 +234,40 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         f"MAX_STEPS = np.array([{', '.join(repr(e.max_step) for e in effects)}], dtype=np.float64)",
         f"MAX_TRAVELS = np.array([{', '.join(str(column.get(f'{e.name}.{e.max_travel}', -1)) for e in effects)}], dtype=np.int64)",
         *(f"{name} = {value!r}" for name, value in constants.items()),
-        "",
-        f"@njit({options}, _nrt=False, forceinline=True)",
-        _derivative(effects, column),
+        _compiled("\n" + _derivative(effects, column), "_nrt=False, forceinline=True", "derivative"),
         "",
         "",
+        text,
+        "",
+        _lanes_text(),
     ]
-    return "\n".join(head) + text
+    return "\n".join(head)
+
+
+def _lanes_text() -> str:
+    """Text of `lanes` behind the right-hand side without effects, its numbers those of one lane."""
+    column = {n: i for i, n in enumerate(PARAMETERS)}
+    places, end = {}, 0
+    for name, count in {"P": len(column), "STAGE": 8, "SLOPE": 8, "GAPS": len(QUANTITIES), **lanes.ROWS}.items():
+        places[name], end = end, end + count * lanes.LANES
+    first = {"P": 0, "x": places["STAGE"], "dx": places["SLOPE"], "q": places["GAPS"]}
+    body = _derivative([], column).partition("\n")[2]
+    body = re.sub(r"\b(P|x|dx|q)\[(\d+)\]", lambda m: f"work[{first[m[1]] + int(m[2]) * lanes.LANES} + lane]", body)
+    body = re.sub(r"\b(exp|sin|cos)\(", r"lane_\1(", body)
+    lines = [
+        "def slopes(work, moving):",
+        "    moving = (moving[0], moving[1], moving[2], moving[3])  # four numbers: an array might overlap with `work`",
+        "    time = origin = pulse_current = 0.0; averaged = True; detail = False; touching = (False, False, False)",
+        "    for lane in range(LANES):",  # no call in it but of what is inlined: a loop of calls is unrolled before that
+        *(f"    {line}" for line in body.splitlines()),
+        "",
+        "",
+        inspect.getsource(lanes),
+    ]
+    text = _compiled("\n".join(["", *lines]), "_nrt=False, forceinline=True", "lane_exp", "lane_sine", "lane_sin", "lane_cos")
+    text = _compiled(text, "_nrt=False", "slopes", "lane_steps", "leaves")
+    constants = [f"{name} = {place}" for name, place in (*places.items(), ("WORK", end)) if name != "P"]
+    return "\n".join([*constants, _compiled(text, "cache=True", "fly")])
 
 
 def cache_folder() -> Path:
@@ -326,7 +359,7 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
             announce("compiling the model, once for this set of effects …")
     kernel = Kernel(
         tuple(e.name for e in items), tuple(names), STATES + tuple(carried), started_on,
-        module.simulate_batch, module.evaluate, text,
+        module.simulate_batch, module.evaluate, module.fly, text,
     )  # fmt: skip
     try:
         _warm_up(kernel)
