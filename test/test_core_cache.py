@@ -10,6 +10,7 @@ import pytest
 
 from inductrack_ros.core import kernel
 from inductrack_ros.core.errors import InputError
+from inductrack_ros.core.model import Model
 
 
 def test_kernels_nobody_uses_are_dropped(tmp_path):
@@ -33,6 +34,16 @@ def test_a_kernel_in_use_is_young(tmp_path, monkeypatch):
     kernel._kernels.clear()
     kernel._build([], None)
     assert module.stat().st_mtime > time.time() - 3600
+
+
+def test_whole_numbers_are_not_compiled_for_anew():
+    model = Model.default()
+    x = model.initial_state(surge_rate=15)
+    functions = model.kernel.simulate_batch, model.kernel.evaluate
+    x = model.advance(x, 0, 1, 7000, origin=0)
+    model.simulate([1, 2], x, 7000, start=1, longest_step=1)
+    model.wrenches(x, 2, 7000, origin=0)
+    assert [len(function.signatures) for function in functions] == [1, 1]
 
 
 def test_a_temporary_folder_of_somebody_else_is_not_used(tmp_path, monkeypatch):

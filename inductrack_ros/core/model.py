@@ -339,7 +339,7 @@ class Model:
     ) -> np.ndarray:
         """The state at ``until`` from ``x`` at ``time``: one step of a real-time loop. ``origin`` is the surge where the run began."""
         state = self._whole_state(x, time)[None]
-        self._run(np.array([until]), time, state, origin, drive_current, pulses, 1.0, np.empty((1, 1, len(OUTPUTS))))
+        self._run(np.array([until], dtype=float), time, state, origin, drive_current, pulses, 1.0, np.empty((1, 1, len(OUTPUTS))))
         return state[0]
 
     def _run(self, times, start, state, origin, drive_current, pulses, longest, outputs) -> None:
@@ -348,15 +348,16 @@ class Model:
         pt, pp, pc = _NONE, _NONE, _NONE
         if not averaged and pulses is not None:
             pt, pp, pc = pulses.arrays(self.parameters["wavelength"])
-        self.kernel.simulate_batch(
-            times, start, state, P[None], self.switches[None], self.moving, np.array([float(origin)]), averaged, pt, pp, pc, longest, outputs
-        )
+        self.kernel.simulate_batch(  # float(): for a whole number it would be compiled anew
+            times, float(start), state, P[None], self.switches[None], self.moving, np.array([float(origin)]), averaged, pt, pp, pc,
+            float(longest), outputs,
+        )  # fmt: skip
 
     def _evaluate(self, time, x, P, on, pulses=None, origin=0.0):
         dx, q = np.zeros(len(x)), np.zeros(len(kernels.QUANTITIES))
         pt, pp, pc = pulses.arrays(self.parameters["wavelength"]) if pulses is not None else (_NONE, _NONE, _NONE)
         self.kernel.evaluate(
-            time, np.ascontiguousarray(x), P, on, self.moving, origin, self.drive == "averaged", pt, pp, pc, dx, q
+            float(time), np.ascontiguousarray(x), P, on, self.moving, float(origin), self.drive == "averaged", pt, pp, pc, dx, q
         )
         return dx, q
 
