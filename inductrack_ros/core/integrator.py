@@ -9,8 +9,9 @@ third-order result disagrees (a wavy track, a strong field, a user's effect). St
 where an array touches or leaves the track, and where the travel turns; a cradle that friction holds at a standstill is
 held, it does not rattle about zero speed.
 
-``rig`` below is what does not change during a step: (P, on, free, touching, origin, averaged, pt, pp, pc), where
-``free`` are the coordinates that move now and pt, pp, pc the pulses' times, places and currents.
+``rig`` below is what does not change during a step: (P, on, groups, free, touching, origin, averaged, pt, pp, pc), where
+``groups`` has a bit for each group of effects of which any is on, ``free`` are the coordinates that move now and pt,
+pp, pc the pulses' times, places and currents.
 
 All but the two entry points are compiled without numba's reference counting, which took half the time: they own no
 array, so work space comes from the entry point. ``PADDED`` is N_STATES rounded up to whole vector registers.
@@ -57,6 +58,15 @@ def until_pulse_edge(t, tau, pulse_times, first):
     return wait, burns
 
 
+def groups_on(on):
+    """A bit for each group of neighbours in the right-hand side of which any is on: most are off, and asking each took a tenth."""
+    bits = 0
+    for i in range(GROUPS.size):
+        if on[i]:
+            bits |= 1 << GROUPS[i]
+    return bits
+
+
 def touches(i, P, q):
     """Whether array i is in contact: g < 0 and its force would push. ``q`` holds gaps and their rates."""
     return P[CONTACT_STIFFNESS] * q[i] + P[CONTACT_DAMPING] * max(q[3 + i], 0.0) < 0.0
@@ -99,9 +109,9 @@ def step_sizes(P, on, longest):
 
 def slope(t, x, rig, first, dx, q):
     """Derivative dx of the state x, and the gaps and their rates in q."""
-    P, on, free, touching, origin, averaged, pt, pp, pc = rig
+    P, on, groups, free, touching, origin, averaged, pt, pp, pc = rig
     pulse = 0.0 if averaged else pulse_sum(t, x[0], P, pt, pp, pc, first)
-    derivative(t, x, P, on, free, touching, origin, averaged, pulse, dx, q, False)
+    derivative(t, x, P, on, groups, free, touching, origin, averaged, pulse, dx, q, False)
 
 
 def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
@@ -109,14 +119,14 @@ def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
 
     Returns how far the embedded third-order result (weights ⅙ ⅓ ⅓ 0 and ⅙ on k_new) is off, over the tolerance.
     """
-    P, on, free, touching, origin, averaged, pt, pp, pc = rig
+    P, on, groups, free, touching, origin, averaged, pt, pp, pc = rig
     for i in range(PADDED):
         x_new[i] = x[i] + h / 6.0 * k1[i]
         stage[i] = x[i] + 0.5 * h * k1[i]
     for s in range(4):  # the fourth is the slope at the end; one loop, so that `derivative` is compiled into it once
         ts = t + (h if s >= 2 else 0.5 * h)
         pulse = 0.0 if averaged else pulse_sum(ts, stage[0], P, pt, pp, pc, first)
-        derivative(ts, stage, P, on, free, touching, origin, averaged, pulse, k_new, q_new, False)
+        derivative(ts, stage, P, on, groups, free, touching, origin, averaged, pulse, k_new, q_new, False)
         if s == 3:
             break
         weight = h / 6.0 if s == 2 else h / 3.0
@@ -133,7 +143,7 @@ def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
 
 def sticks(t, x, rig, first, k, q):
     """Whether a cradle that stands is held: creeping forth the force pushes it back, and creeping back, forth."""
-    free, speed = rig[2], x[4]
+    free, speed = rig[3], x[4]
     was, free[0] = free[0], 1.0
     x[4] = CREEP
     slope(t, x, rig, first, k, q)
@@ -161,7 +171,8 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
         touching[i] = False
     for i in range(4):
         free[i] = moving[i]
-    rig = (P, on, free, touching, origin, averaged, pt, pp, pc)
+    groups = groups_on(on)
+    rig = (P, on, groups, free, touching, origin, averaged, pt, pp, pc)
     first, switches, refine = 0, 0, 1.0
 
     slope(t, x, rig, first, k1, q)
@@ -258,9 +269,9 @@ def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, lo
 
 def evaluate(t, x, P, on, moving, origin, averaged, pt, pp, pc, dx, q):
     """Derivative and all named quantities at one moment, contact decided from the state itself."""
-    touching = np.zeros(3, np.bool_)
+    touching, groups = np.zeros(3, np.bool_), groups_on(on)
     pulse = 0.0 if averaged else pulse_sum(t, x[0], P, pt, pp, pc, 0)
     for detail in (False, True):
-        derivative(t, x, P, on, moving, touching, origin, averaged, pulse, dx, q, detail)
+        derivative(t, x, P, on, groups, moving, touching, origin, averaged, pulse, dx, q, detail)
         for i in range(3):
             touching[i] = touches(i, P, q)

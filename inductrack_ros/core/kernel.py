@@ -110,6 +110,7 @@ _QUANTITY_NAMES = set().union(*map(_assigned, _BODY))
 
 def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
     """Text of the right-hand side with the effects' calls in it."""
+    groups: list[list[int]] = []
     waiting = {i: item for i, item in enumerate(effects)}
     for item in effects:
         for target in item.targets:
@@ -127,10 +128,11 @@ def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
             lines += ast.unparse(_BODY[position]).splitlines()
             known |= remaining[position]
         later = set().union(*remaining[position + 1 :])
-        for i, item in list(waiting.items()):
-            if not later & set(item.targets) and known >= set(item.targets):
-                lines += _call(i, item, known, column)
-                del waiting[i]
+        due = [i for i, item in waiting.items() if not later & set(item.targets) and known >= set(item.targets)]
+        if due:  # one question for all that stand here; see `integrator.groups_on`
+            calls = [line for i in due for line in _call(i, waiting.pop(i), known, column)]
+            lines += [f"if groups & {1 << len(groups)}:", *(f"    {line}" for line in calls)]
+            groups.append(due)
     lines += [f"dx[{i}] = x[{4 + i}] * moving[{i}]" for i in range(4)]
     lines[-4] = "dx[0] = x[4]"  # a held speed still travels
     for i, (force, inertia) in enumerate(
@@ -139,10 +141,12 @@ def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
         lines.append(f"dx[{4 + i}] = {force} / {inertia} * moving[{i}]")
     lines += [f"q[{i}] = {name}" for i, name in enumerate(QUANTITIES[:6])]
     lines += ["if detail:"] + [f"    q[{i}] = {name}" for i, name in enumerate(QUANTITIES) if i >= 6]
-    head = "def derivative(time, x, P, on, moving, touching, origin, averaged, pulse_current, dx, q, detail):"
+    head = "def derivative(time, x, P, on, groups, moving, touching, origin, averaged, pulse_current, dx, q, detail):"
     unpack = [f"{name} = touching[{i}]" for i, name in enumerate(_MOMENT[4:])]
     unpack += [f"dx[{i}] = 0.0" for i in range(8, 8 + sum(len(e.states) for e in effects))]
-    return "\n".join([head, *(f"    {line}" for line in unpack + lines)])
+    group = [next(g for g, members in enumerate(groups) if i in members) for i in range(len(effects))]
+    table = f"GROUPS = np.array({group}, dtype=np.int64)"
+    return "\n".join([table, "", head, *(f"    {line}" for line in unpack + lines)])
 
 
 def _plain(value: object) -> object:
@@ -223,7 +227,7 @@ def _compiled(text: str, options: str, *names: str) -> str:
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
     constants = {name.upper(): column[name] for name in PARAMETERS}
     constants |= {"N_STATES": n_states, "PADDED": (n_states + 3) // 4 * 4, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
-    jitted = ["pulse_sum", "until_pulse_edge", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "sticks", "integrate"]
+    jitted = ["pulse_sum", "until_pulse_edge", "groups_on", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "sticks", "integrate"]
     text = _compiled(inspect.getsource(integrator), "_nrt=False", *jitted)
     text = _compiled(text, "cache=True", "simulate_batch", "evaluate")
     head = [
@@ -251,7 +255,7 @@ def _lanes_text() -> str:
     for name, count in {"P": len(column), "STAGE": 8, "SLOPE": 8, "GAPS": len(QUANTITIES), **lanes.ROWS}.items():
         places[name], end = end, end + count * lanes.LANES
     first = {"P": 0, "x": places["STAGE"], "dx": places["SLOPE"], "q": places["GAPS"]}
-    body = _derivative([], column).partition("\n")[2]
+    body = _derivative([], column).partition("):\n")[2]
     body = re.sub(r"\b(P|x|dx|q)\[(\d+)\]", lambda m: f"work[{first[m[1]] + int(m[2]) * lanes.LANES} + lane]", body)
     body = re.sub(r"\b(exp|sin|cos)\(", r"lane_\1(", body)
     lines = [
