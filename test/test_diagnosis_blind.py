@@ -18,3 +18,9 @@ def test_blind(seed, kind):
     row = run(seed, kind)
     assert row["right"], row
     assert row["error"] < 1.5
+
+
+def test_sway_and_roll_that_nothing_measures():
+    """Only surge and heave are logged: the fit must find the sway and roll that show in them, or it blames an effect."""
+    row = run(8105, "nothing")
+    assert row["right"], row

@@ -1,7 +1,8 @@
 """Least squares over all runs: global parameters and each run's initial state, by Levenberg–Marquardt.
 
 The normal equations have an arrow's shape (each run's initial state meets only its own samples), so the initial states are
-eliminated run by run (Schur complement) and the step costs next to nothing beside the simulations.
+eliminated run by run (Schur complement) and the step costs next to nothing beside the simulations. Where a joint step
+falls short of its promise, each run's initial state is fitted anew beside the new parameters (variable projection).
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ UNDETERMINED = 0.3
 LOST = 1e12
 #: Part of a large misfit's χ² that is not worth another step: nobody needs the wrong model's parameters to many digits.
 COARSE = 1e-4
+#: Damping above which a small step proves nothing; steps in a row that win nothing before a fit ends.
+LOOSE, IDLE = 1e-3, 2
+#: Steps of each run by itself after a joint step that fell short of its promise.
+SETTLE = 4
 #: Growing horizons of a fit from scratch (s).
 HORIZONS = (0.15, 0.4, 0.8)
 #: Where even the first horizon misses by this many times the noise's χ², each free parameter is also started at these multiples.
@@ -123,7 +128,7 @@ def fit(
         prior = [((x - d.guess) / STATE_PRIOR)[d.free_states] for x, d in zip(xs, problem.runs, strict=True)]
         return np.array([chi_square([r]) + p @ p for r, p in zip(_within(problem, residuals, until), prior, strict=True)])
 
-    damping, of_runs, converged = 1e-3, np.full(len(states), 1e-3), False
+    damping, of_runs, converged, idle = 1e-3, np.full(len(states), 1e-3), False, 0
     if linear is None:
         linear = problem.linearise(structure, theta, states, until, reuse)
     residuals = [part.residual for part in linear]
@@ -137,6 +142,9 @@ def fit(
             except np.linalg.LinAlgError:  # derivatives beyond all bounds: nothing to be had from here
                 break
             enough = tolerance + COARSE * max(current - 2.0 * problem.samples, 0.0)
+            if gain < enough and of_runs.max() > LOOSE:  # it may only be the damping that holds
+                damping, of_runs = min(damping, LOOSE), np.minimum(of_runs, LOOSE)
+                continue
             if gain < enough:
                 converged = True
                 break
@@ -153,6 +161,10 @@ def fit(
                 new_states = [new if b else x for new, x, b in zip(new_states, states, better, strict=True)]
                 residuals = [r if b else rest for r, rest, b in zip(residuals, stayed, better, strict=True)]
                 each = np.where(better, each, at_rest)
+                if reuse is None and len(theta):
+                    new_states = _settled(problem, Structure(structure.with_theta(new_theta), ()), new_states, until)
+                    residuals = problem.residuals(structure, new_theta, new_states, until)
+                    each = costs(residuals, new_states)
             trial = float(each.sum()) + structure.surprise(new_theta)
             good = (current - trial) / gain
             ease = 0.1 if good > 0.5 else 0.5 if good > 0.0 else 1.0
@@ -165,7 +177,8 @@ def fit(
         if converged or not accepted:
             converged = converged or np.isfinite(current)
             break
-        converged = current - trial < enough
+        idle = idle + 1 if current - trial < enough else 0
+        converged = idle == IDLE
         theta, states, current = new_theta, new_states, trial
         if reuse is not None and (converged or not left):  # a quick look ends with derivatives one step old
             linear = [replace(part, residual=r) for part, r in zip(linear, residuals, strict=True)]
@@ -182,6 +195,17 @@ def _blocks(data, part: Linearisation, until: float):
     rows = (data.time <= until) & (np.abs(part.residual) < LOST)
     rows &= (np.abs(part.by_theta) < LOST).all(axis=1) & (np.abs(part.by_state) < LOST).all(axis=1)  # not where NaN
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
+
+
+def _settled(problem: Problem, held: Structure, states: Sequence[np.ndarray], until: float) -> list[np.ndarray]:
+    """Initial states after some steps of each run by itself, nothing else being free."""
+
+    def task(i: int) -> np.ndarray:
+        alone = problem.subset([i])
+        alone.threads = 1
+        return fit(alone, held, [states[i]], iterations=SETTLE, until=until, tolerance=0.1).states[0]
+
+    return problem.for_runs(task)
 
 
 def _solve(problem, linear, theta, structure, states, damping, of_runs, until):
