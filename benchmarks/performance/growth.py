@@ -41,8 +41,8 @@ def measure(quick: bool, bag_seconds: float | None = None) -> dict:
     """Sizes, costs and exponents."""
     model, found = Model.default(), {}
     repeats = 3 if quick else 5
-    states, parameters, _ = draw(model, SPEEDS["all touch down"], 1600)
-    sizes = [100, 200, 400, 800, 1600]
+    states, parameters, _ = draw(model, SPEEDS["all touch down"], 4000)
+    sizes = [500, 1000, 2000, 4000]  # all of them fly side by side, which fewer do not
     found["runs"] = sizes, [_seconds(lambda n=n: ensemble(model, TIMES, states[:n], {k: v[:n] for k, v in parameters.items()}), repeats) for n in sizes]
     times = [np.linspace(0.0, 3.0, n) for n in (1501, 3001, 6001, 12001, 24001)]  # each row a step: fewer are not cheaper
     found["samples of a run"] = [t.size for t in times], [_seconds(lambda t=t: model.simulate(t, states[0]), 3 * repeats) for t in times]
@@ -88,7 +88,7 @@ def plot(found: dict, path: Path = PLOT) -> None:
         most = max(most, more[-1])
     axes.plot([1, most], [1, most], "k--", linewidth=1, label="slope 1: twice as many, twice as long")
     axes.set(xscale="log", yscale="log", xlabel="times as many as the fewest", ylabel="times the processor time of the fewest", title="How cost grows")
-    ticks = 2 ** np.arange(int(np.log2(most)) + 1)
+    ticks = 2 ** np.arange(round(np.log2(most)) + 1)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_ticks(ticks)
         axis.set_ticks([], minor=True)
