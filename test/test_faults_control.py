@@ -254,12 +254,18 @@ def test_a_recorder_that_stalls_holds_nobody_up_and_loses_nothing(ros, tmp_path,
             ros.spin()
         return (seconds(poses[-1]) - first) / (time.monotonic() - begin)
 
-    before = pace(1.0)
-    stalled.send(signal.SIGSTOP)
-    during = pace(3.0)
-    stalled.send(signal.SIGCONT)
-    figure("pace of simulated time while a recorder stands still for 3 s", f"{100 * during / before:.0f} %")
-    assert during > 0.2 * before
+    def kept() -> float:
+        before = pace(1.0)
+        stalled.send(signal.SIGSTOP)
+        during = pace(3.0)
+        stalled.send(signal.SIGCONT)
+        return during / min(before, pace(1.0))
+
+    ratio = kept()
+    if ratio < 0.2:  # others may have taken the processor for these seconds, hardly for the next too
+        ratio = kept()
+    figure("pace of simulated time while a recorder stands still for 3 s", f"{100 * ratio:.0f} %")
+    assert ratio > 0.2
     assert {nanoseconds_of(b.header.stamp) - nanoseconds_of(a.header.stamp) for a, b in pairwise(poses)} == {2_000_000}
     newest = nanoseconds_of(poses[-1].header.stamp)
     ros.wait(lambda: recorded(tmp_path / "bag")[-1] >= newest, "the recorder to catch up")

@@ -13,6 +13,7 @@ from pathlib import Path
 from conftest import wait_until
 
 from inductrack_ros.core.kernel import cache_folder
+from inductrack_ros.data import read_bag
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
@@ -69,6 +70,8 @@ def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
     finally:
         shell.close()
     assert "Traceback" not in shell.said and "command not found" not in shell.said, shell.said
+    bags = list((tmp_path / "tutorial/rig").glob("driven_*"))
+    assert len(bags) == 3 and min(read_bag(bag).times[-1] for bag in bags) > 1.59  # simulated, however busy the machine is
     found = json.loads((tmp_path / "tutorial/report/diagnose/diagnosis.json").read_text())
     angle = found["parameters"]["track_slope.angle"]
     hidden = float(re.search(r"angle: ([\d.]+)", TEXT)[1])

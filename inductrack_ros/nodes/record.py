@@ -34,7 +34,9 @@ class Recorder(Node):
         self._options = options
         self._bag = SegmentedBag(options.output)
         self._skipped: set[str] = set()
-        self._end: float | None = None
+        self._begun: float | None = None  # s, monotonic
+        self._first: dict[str, int] = {}  # header stamp (ns) of each topic's first message
+        self._span = 0  # ns between the stamps of one topic, at most
         self._subscriptions_by_topic: dict[str, Subscription] = {}
         self.finished, self.exit_status = False, 0
         self._look_for_topics()
@@ -90,7 +92,12 @@ class Recorder(Node):
             self._keep(topic, taken[0])
 
     def _keep(self, topic: str, data: bytes) -> None:
-        self._bag.write(topic, stamp_ns(data) if self._options.stamp == "header" else time.time_ns(), data)
+        if self._options.stamp == "header":
+            at = stamp_ns(data)
+            self._span = max(self._span, at - self._first.setdefault(topic, at))
+        else:
+            at = time.time_ns()
+        self._bag.write(topic, at, data)
 
     def _flush(self) -> None:
         try:
@@ -101,9 +108,10 @@ class Recorder(Node):
             return
         if self._options.duration is None or not self._bag.message_count:
             return
-        if self._end is None:
-            self._end = time.monotonic() + self._options.duration
-        self.finished = time.monotonic() >= self._end
+        if self._begun is None:
+            self._begun = time.monotonic()
+        passed = 1e-9 * self._span if self._options.stamp == "header" else time.monotonic() - self._begun
+        self.finished = passed >= self._options.duration
 
     def close(self) -> None:
         if not self.exit_status:
@@ -139,7 +147,7 @@ def parse(args: list[str]) -> argparse.Namespace:
     parser.add_argument("-a", "--all", action="store_true", help="record every topic there is")
     parser.add_argument("-n", "--namespace", default=NAMESPACE, help=f"default: {NAMESPACE}")
     parser.add_argument("-o", "--output", help="folder of the bag; default: rosbag2_<date and time>")
-    parser.add_argument("-d", "--duration", type=float, help="end so many seconds after the first message")
+    parser.add_argument("-d", "--duration", type=float, help="end so many seconds after the first message, of the time that --stamp says")
     parser.add_argument(
         "--stamp", choices=["receive", "header"], default="receive",
         help="time a message is filed under: its arrival, or its own header stamp (stamped topics only), "
