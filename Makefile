@@ -19,7 +19,7 @@ demo: $(READY)
 	@$(BIN)/python -m inductrack_ros.demo
 
 test: $(READY) lint
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 # docs/performance.md: against the peers of the extra `benchmark`, as far as they install, and a C compiler's loop.
 benchmark: $(READY)

@@ -38,7 +38,7 @@ setup(
             "ros-std-srvs==5.3.6",
             "ros-rosgraph-msgs==2.0.3",
         ],
-        "test": ["pytest", "hypothesis", "import-linter", "colcon-common-extensions", "dask[distributed]"],
+        "test": ["pytest", "pytest-xdist", "hypothesis", "import-linter", "colcon-common-extensions", "dask[distributed]"],
         "cluster": ["dask[distributed]"],
         "benchmark": ["pysindy>=2.1", "scikit-sundae", "matplotlib"],
     },
