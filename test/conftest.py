@@ -25,6 +25,14 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("nightly")  # `make fuzz`; test_fuzz.py says how much more that is
 
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Nodes in real processes need the processor they were promised."""
+    for item in items:
+        if "ros" in getattr(item, "fixturenames", ()):
+            item.add_marker("alone")
+
+
 PATIENCE = 120.0  # s; how long a condition is awaited on a busy machine before a test fails
 
 
