@@ -23,9 +23,9 @@ from rosbags.typesys import Stores, get_typestore
 from .. import frames
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Pulses
-from ..core.open_files import allow_files_of
 from ..core.state import ACCELERATIONS, CHANNELS, COORDINATES, GAPS, RATES
 from .measurement import Array, Run
+from .open_files import allow_files_of
 
 #: Where the package's own nodes publish. A rig's sensors stand under `measured/`, the simulator's truth beside it.
 MEASURED = "/inductrack/measured/"

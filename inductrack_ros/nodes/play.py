@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
 from ..core.errors import InputError
-from ..core.open_files import allow_files_of
+from ..data.open_files import allow_files_of
 from .record import message_class
 from .runtime import DEPTH, every, run
 
