@@ -111,12 +111,15 @@ def fit(
     tolerance: float = 0.02,
     reuse: Sequence[Linearisation] | None = None,
     linear: Sequence[Linearisation] | None = None,
+    settle: bool = False,
 ) -> Fit:
     """Fit a structure's free parameters and every run's free initial states.
 
     Starts from ``theta`` and ``states`` where given (else the structure's own values and the first guess). Stops after
     ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``reuse`` the derivatives by the initial
     states are taken from there: quick, for a first look at a rival. ``linear`` is the linearisation at the start, if known.
+    With ``settle``, each run's initial state is fitted anew beside the new parameters wherever a step falls short: slower, and
+    it arrives where the valleys are so curved that joint steps creep.
     """
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     low, high = structure.bounds
@@ -161,7 +164,7 @@ def fit(
                 new_states = [new if b else x for new, x, b in zip(new_states, states, better, strict=True)]
                 residuals = [r if b else rest for r, rest, b in zip(residuals, stayed, better, strict=True)]
                 each = np.where(better, each, at_rest)
-                if reuse is None and len(theta):
+                if settle and len(theta):
                     new_states = _settled(problem, Structure(structure.with_theta(new_theta), ()), new_states, until)
                     residuals = problem.residuals(structure, new_theta, new_states, until)
                     each = costs(residuals, new_states)
@@ -271,16 +274,16 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
 
     Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact makes them jump.
     """
-    near = approach(problem, structure, theta)
-    return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)))
+    near = approach(problem, structure, theta, settle=True)
+    return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)), settle=True)
 
 
-def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
+def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None, settle: bool = False) -> Fit | None:
     """The fit over the last of the growing horizons (χ² within it); None where the runs are too short for any."""
     longest = max(d.grid[-1] for d in problem.runs)
     given, near, states = theta is not None, None, None
     for k, horizon in enumerate(h for h in HORIZONS if h < 0.8 * longest):
-        step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0)
+        step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0, settle=settle)
         if k == 0 and not given and not step.chi2 < FAR_OFF * sum(int((d.time <= horizon).sum()) for d in problem.runs):
             step = min([step, *_far_starts(problem, structure, states, horizon)], key=lambda f: f.chi2)
         if np.isfinite(step.chi2):
