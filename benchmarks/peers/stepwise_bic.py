@@ -33,6 +33,8 @@ from . import Found
 QUICK, FULL, CLOSEST = 4, 15, 8
 #: Horizons (s) over which the first fit grows, for one long fit from a noisy start loses powered runs; evaluations on each.
 HORIZONS, FIRST = (0.15, 0.4, 0.8, 1.1, 1.4, 1.7), 30
+#: Effects at the most. No campaign hides more than three; where none fits, BIC would go on for as long as there are any.
+MOST = 5
 #: Residuals and derivatives over noise are cut here: those of a simulation that has left all bounds.
 LOST = 1e8
 #: Wavelengths that are tried for a wavy track.
@@ -198,7 +200,7 @@ def diagnose(campaign: Campaign, model: Model) -> Found:
         rest = problem.residuals(structure, current.z[:g], refit.states(current.z, g))
         refit.problem = problem = problem.with_sigma(noise.from_residuals(problem, rest, campaign.noise_std))
         current = refit.fit(structure, current.z, FULL)
-    while True:
+    for _ in range(MOST):
         near = refit.linearise(current.structure, current.z)
         refit.known = [
             np.where(np.isnan(part.residual), old, part.residual) for part, old in zip(near, refit.known, strict=True)
