@@ -24,3 +24,9 @@ def test_sway_and_roll_that_nothing_measures():
     """Only surge and heave are logged: the fit must find the sway and roll that show in them, or it blames an effect."""
     row = run(8105, "nothing")
     assert row["right"], row
+
+
+def test_two_effects_that_are_one_force_of_the_speed():
+    """A slope and a drag: a smooth force on surge_rate passes too, but known physics is asked first."""
+    row = run(9043, None)
+    assert row["right"], row

@@ -19,8 +19,9 @@ from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import support
+from .candidates import visible
 from .experiment import propose
-from .gate import Gate
+from .gate import Gate, Projector
 from .result import INTERRUPTED, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
 from .search import BEAM, QUICK_FIRST, QUICK_LATER, Search, Trial
 from .signatures import VARIABLES
@@ -40,6 +41,8 @@ SAME = 0.25
 NEEDED = 100.0
 #: Known effects are tried first where the best promises this part of what any force of one variable does.
 PREFER_KNOWN = 0.8
+#: Two of them also where, with one of the best so many, they promise this part of the whole misfit.
+NEARLY_ALL, FIRST_OF_TWO = 0.95, 8
 #: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
 LEFT_OUT = 4
 
@@ -191,7 +194,8 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         tried.extend(found)
         return _passing(search, sorted(found, key=lambda t: penalised(search, t)))
 
-    ways = (known, unknown) if _points_to_known(search, singles[0] if singles else root) else (unknown, known)
+    looks_known = _points_to_known(search, singles[0] if singles else root) or _two_explain(search, root)
+    ways = (known, unknown) if looks_known else (unknown, known)
     for way in ways:
         if result := way():
             return result
@@ -247,6 +251,21 @@ def _points_to_known(search: Search, trial: Trial) -> bool:
     price = np.log(trial.fit.samples)
     force = max((t.statistic - t.dof * price for t in tests if t.name.startswith("force in ")), default=0.0)
     return known > PREFER_KNOWN * force
+
+
+def _two_explain(search: Search, trial: Trial) -> bool:
+    """Whether two candidates together promise nearly all of the misfit: drag and a slope, say, are one force of the speed too."""
+    project = Projector(search.problem, trial.fit)
+    signatures = [c for s in search.screened(trial) if (c := visible(project, s.columns)).shape[1]]
+    wanted = NEARLY_ALL * (trial.chi2 - trial.fit.samples)
+    for i, one in enumerate(signatures[:FIRST_OF_TWO]):
+        q = np.linalg.qr(one)[0]
+        first, rest = q.T @ project.residual, project.residual - q @ (q.T @ project.residual)
+        for other in signatures[i + 1 :]:
+            second = np.linalg.qr(other - q @ (q.T @ other))[0].T @ rest
+            if first @ first + second @ second > wanted:
+                return True
+    return False
 
 
 def _significant(search: Search, trial: Trial, parent: Trial) -> bool:
