@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import InputError
-from ..core.state import GAPS, INDEX
+from ..core.state import GAPS, INDEX, STATES
 from ..data.measurement import Run
 from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.problem import Problem, lay_out
@@ -90,7 +90,9 @@ def _made(search: Search, chosen: Trial, speed, current, offsets, duration, cont
     if not np.isfinite(values).all() or (gaps.min() < 0) != contact:
         return None
     single = problem.subset([0])
-    single.runs = (lay_out(Run("proposal", Path("proposal"), problem.channels, times, values, times, current), model, problem.channels, problem.dof),)
+    given = {s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)}  # as in the runs so far
+    run = Run("proposal", Path("proposal"), problem.channels, times, values, times, current, initial_state=given)
+    single.runs = (lay_out(run, model, problem.channels, problem.dof),)
     exact = start[:8].copy()
     single.runs = (replace(single.runs[0], y=_read(single, model, exact), guess=exact),)
     return single, exact

@@ -274,16 +274,16 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
 
     Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact makes them jump.
     """
-    near = approach(problem, structure, theta, settle=True)
+    near = approach(problem, structure, theta)
     return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)), settle=True)
 
 
-def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None, settle: bool = False) -> Fit | None:
+def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
     """The fit over the last of the growing horizons (χ² within it); None where the runs are too short for any."""
     longest = max(d.grid[-1] for d in problem.runs)
     given, near, states = theta is not None, None, None
     for k, horizon in enumerate(h for h in HORIZONS if h < 0.8 * longest):
-        step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0, settle=settle)
+        step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0, settle=True)
         if k == 0 and not given and not step.chi2 < FAR_OFF * sum(int((d.time <= horizon).sum()) for d in problem.runs):
             step = min([step, *_far_starts(problem, structure, states, horizon)], key=lambda f: f.chi2)
         if np.isfinite(step.chi2):
