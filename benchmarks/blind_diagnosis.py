@@ -54,14 +54,14 @@ def judge(truth: dict, found) -> dict:
     return {"right": right and where, "missed": missed, "extra": extra, "verdict": found.verdict}
 
 
-def covered(truth: dict, found) -> list[bool]:
-    """For each parameter that was found and is known: whether its 95 % interval holds the truth."""
-    result = []
+def off(truth: dict, found) -> dict[str, float]:
+    """For each parameter that was found and is known: how many of its standard deviations it is off the truth."""
+    result = {}
     for name, value in truth["parameters"].items():
         if name in found.parameters and isinstance(value, (int, float)):
             estimate, std = found.parameters[name]
             if np.isfinite(std) and std > 0 and not name.startswith("guideway_waviness.phase"):
-                result.append(abs(estimate - value) <= 1.96 * std)
+                result[name] = (estimate - value) / std
     return result
 
 
@@ -102,7 +102,7 @@ def run(seed: int, kind: str | None, with_peers: bool = False) -> dict:
             found = diagnose(campaign, Model.default())
         except Exception as error:  # a crash is a wrong answer with a reason, not the end of the benchmark
             return {"seed": seed, "kind": truth["kind"], "right": False, "verdict": f"{type(error).__name__}: {error}", "seconds": time.perf_counter() - began,
-                    "truth": truth["verdict"], "effects": truth["effects"], "found": [], "covered": [], "clarity": 0.0, "error": None, "samples": 0, **beside}  # fmt: skip
+                    "truth": truth["verdict"], "effects": truth["effects"], "found": [], "off": {}, "clarity": 0.0, "error": None, "samples": 0, **beside}  # fmt: skip
         seconds = time.perf_counter() - began
         clarity = [c["signal_after_nuisance"] for c in truth.get("clarity", {}).values()]
         return {
@@ -110,7 +110,7 @@ def run(seed: int, kind: str | None, with_peers: bool = False) -> dict:
             "unknown": [(u["channel"], u["depends_on"]) for u in truth.get("unknown", [])],
             "found": list(found.effects), "twins": {k: list(v) for k, v in found.indistinguishable.items()},
             "found_unknown": None if found.unknown is None else [found.unknown.channel, list(found.unknown.depends_on)],
-            "covered": covered(truth, found), "seconds": seconds, "clarity": min(clarity, default=0.0), "design": truth["plan"]["design"],
+            "off": off(truth, found), "seconds": seconds, "clarity": min(clarity, default=0.0), "design": truth["plan"]["design"],
             "error": heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"]), "samples": int(sum(r.measured.sum() for r in campaign.runs)), **beside,
         }  # fmt: skip
 
@@ -127,7 +127,7 @@ def summary(rows: list[dict]) -> str:
     lines += ["", "| truth | verdict | campaigns |", "|---|---|---|"]
     lines += [f"| {t} | {v[:60]} | {n} |" for (t, v), n in sorted(confusion.items())]
     nothing = [r for r in rows if r["truth"] == "adequate"]
-    hits = [c for r in rows if r["right"] for c in r["covered"]]
+    hits = [abs(z) <= 1.96 for r in rows if r["right"] for z in r["off"].values()]
     errors = [r["error"] for r in rows if r["right"] and r["truth"] != "unknown_effect" and r["error"] is not None]
     lines += ["", f"false alarms: {sum(r['verdict'] != 'adequate' for r in nothing)} of {len(nothing)} complete models"]
     if hits:

@@ -266,8 +266,9 @@ def _initial_state(problem: Problem, structure: Structure, horizons: Sequence[fl
         return data.guess
     for horizon in [h for h in horizons if h < data.grid[-1]] + [math.inf]:
         needed = tolerance if horizon == math.inf else 0.5
-        found = fit(problem, structure, states, iterations=12, until=horizon, tolerance=needed)
-        per_sample = found.chi2 / max(int((data.time <= horizon).sum()), 1)
+        part = problem.within(horizon)
+        found = fit(part, structure, states, iterations=12, tolerance=needed)
+        per_sample = found.chi2 / max(part.samples, 1)
         if math.isfinite(per_sample) and (per_sample <= FOLLOWS or states[0] is data.guess):
             states = found.states
         if per_sample > FOLLOWS:

@@ -78,16 +78,12 @@ class Refitter:
             found.append(x)
         return found
 
-    def linearise(
-        self, structure: Structure, z: np.ndarray, until: float = np.inf, reuse: Linear | None = None
-    ) -> Linear:
+    def linearise(self, structure: Structure, z: np.ndarray, reuse: Linear | None = None) -> Linear:
         """Residuals and derivatives at z; with ``reuse`` those by the initial states are an earlier fit's nearby."""
         g = len(structure.free)
-        return self.problem.linearise(structure, z[:g], self.states(z, g), until, reuse)
+        return self.problem.linearise(structure, z[:g], self.states(z, g), reuse)
 
-    def fit(
-        self, structure: Structure, z: np.ndarray, evaluations: int, until: float = np.inf, reuse: Linear | None = None
-    ) -> Fitted:
+    def fit(self, structure: Structure, z: np.ndarray, evaluations: int, reuse: Linear | None = None) -> Fitted:
         """From z, at most so many evaluations. A weak prior holds what the data say nothing about.
 
         Each run's rows are rotated onto the few columns they meet (QR): sums of squares stay as they are, and scipy's
@@ -104,17 +100,11 @@ class Refitter:
         def rotated(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             if z.tobytes() not in last:
                 f, J = [weight * (z - centre)], [np.diag(weight)]
-                for d, part, known, a, b in zip(
-                    self.problem.runs,
-                    self.linearise(structure, z, until, reuse),
-                    self.known,
-                    self.splits[:-1],
-                    self.splits[1:],
-                    strict=True,
-                ):
+                parts = self.linearise(structure, z, reuse)
+                for part, known, a, b in zip(parts, self.known, self.splits[:-1], self.splits[1:], strict=True):
                     rest = np.where(np.isnan(part.residual), known, part.residual)
                     rows = np.hstack([-part.by_theta, -part.by_state * STATE_PRIOR[part.free_states], rest[:, None]])
-                    R = np.linalg.qr(np.clip(np.nan_to_num(rows[d.time <= until]), -LOST, LOST), "r")
+                    R = np.linalg.qr(np.clip(np.nan_to_num(rows), -LOST, LOST), "r")
                     wide = np.zeros((len(R), z.size))
                     wide[:, :g], wide[:, g + a : g + b] = R[:, :g], R[:, g:-1]
                     f.append(R[:, -1])
@@ -193,7 +183,7 @@ def diagnose(campaign: Campaign, model: Model) -> Found:
     z = np.concatenate([structure.start, np.zeros(refit.splits[-1])])
     longest = max(d.grid[-1] for d in problem.runs)
     for horizon in (*(h for h in HORIZONS if h < 0.8 * longest), np.inf):
-        z = refit.fit(structure, z, FIRST, horizon).z
+        z = Refitter(problem.within(horizon)).fit(structure, z, FIRST).z
     current = refit.fit(structure, z, FULL)
     if len(campaign.noise_std) < len(problem.channels):
         g = len(structure.free)

@@ -21,7 +21,7 @@ from ..workers import Cluster, Threads
 from . import support
 from .candidates import visible
 from .experiment import propose
-from .gate import Gate, Projector
+from .gate import Gate
 from .result import INTERRUPTED, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
 from .search import BEAM, QUICK_FIRST, QUICK_LATER, Search, Trial
 from .signatures import VARIABLES
@@ -190,9 +190,12 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         return None
 
     def unknown() -> tuple[Trial, Gate] | None:
-        found = [t for start in [root, *singles[:1]] for t in stand_ins(search, start)[:1]]
-        tried.extend(found)
-        return _passing(search, sorted(found, key=lambda t: penalised(search, t)))
+        for start in [root, *singles[:1]]:
+            found = stand_ins(search, start)[:1]
+            tried.extend(found)
+            if passing := _passing(search, found):
+                return passing
+        return None
 
     looks_known = _points_to_known(search, singles[0] if singles else root) or _two_explain(search, root)
     ways = (known, unknown) if looks_known else (unknown, known)
@@ -246,18 +249,19 @@ def _passing(search: Search, ranked: list[Trial]) -> tuple[Trial, Gate] | None:
 
 def _points_to_known(search: Search, trial: Trial) -> bool:
     """Whether what is left looks, to first order, more like a known effect than like a force of some other law."""
-    tests = search.gate(trial).tests
-    known = max((s.promise for s in search.screened(trial)), default=0.0)
-    price = np.log(trial.fit.samples)
-    force = max((t.statistic - t.dof * price for t in tests if t.name.startswith("force in ")), default=0.0)
+    look = search.near(trial)
+    known = max((s.promise for s in look.screened), default=0.0)
+    price = np.log(look.fit.samples)
+    force = max((t.statistic - t.dof * price for t in look.gate.tests if t.name.startswith("force in ")), default=0.0)
     return known > PREFER_KNOWN * force
 
 
 def _two_explain(search: Search, trial: Trial) -> bool:
     """Whether two candidates together promise nearly all of the misfit: drag and a slope, say, are one force of the speed too."""
-    project = Projector(search.problem, trial.fit)
-    signatures = [c for s in search.screened(trial) if (c := visible(project, s.columns)).shape[1]]
-    wanted = NEARLY_ALL * (trial.chi2 - trial.fit.samples)
+    look = search.near(trial)
+    project = look.project
+    signatures = [c for s in look.screened if (c := visible(project, s.columns)).shape[1]]
+    wanted = NEARLY_ALL * (look.fit.chi2 - look.fit.samples)
     for i, one in enumerate(signatures[:FIRST_OF_TWO]):
         q = np.linalg.qr(one)[0]
         first, rest = q.T @ project.residual, project.residual - q @ (q.T @ project.residual)
@@ -294,7 +298,7 @@ def _exchanged(search: Search, trial: Trial) -> Trial:
     The first effects were chosen while the later ones were still missing, and may have stood in for them. Beside a force that
     stands in for anything there is nothing to be learned from that.
     """
-    if any(n.startswith("stand_in") for n in trial.names):
+    if trial.stands_in:
         return trial
     for name in [n for n in trial.names if n not in search.base.structure.effects]:
         for other in search.rivals(trial, name)[:1]:

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.fit import Fit, approach, fit, fit_from_scratch
+from ..estimation.fit import Fit, chi_square, fit, fit_from_scratch, growing
 from ..estimation.problem import Linearisation, Problem
+from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
-from .candidates import Candidate, Screened, effect_columns, screen, switch_columns, visible
-from .gate import Gate, Projector, check
-from .signatures import responses
+from .candidates import Candidate, Screened, switch_columns, visible
+from .gate import Gate, Projector
+from .look import Look
 
 #: Candidates that get one step of a refit at first and later, several, and a refit to convergence; sets kept at each size.
 QUICK_FIRST, QUICK_LATER, SEVERAL, FULL, BEAM = 24, 12, 8, 4, 2
@@ -24,6 +25,10 @@ QUICK_FIRST, QUICK_LATER, SEVERAL, FULL, BEAM = 24, 12, 8, 4, 2
 ROUGH = 1.5
 #: What a candidate must promise beyond the best to be worth another try.
 MARGIN = 6.6
+#: A refit over a short horizon that another beats by so much in χ² is not the one sought.
+BEATEN = 25.0
+#: Entries of a table that the data tell less than this part of the best known one about are not seen.
+SEEN = 1e-3
 #: Effects whose signatures, the nuisance projected out, are as parallel as this are tried in each other's place.
 ALIKE = 0.95
 
@@ -36,6 +41,11 @@ class Trial:
     names: tuple[str, ...]
     full: bool
     occam: float = 0.0  # what its stand-ins' freedom costs
+
+    @property
+    def stands_in(self) -> bool:
+        """Whether a force of any shape is among its effects."""
+        return any(n.startswith("stand_in") for n in self.names)
 
     @property
     def chi2(self) -> float:
@@ -52,32 +62,46 @@ class Search:
         self.single = problem.subset(range(len(problem.runs)))
         self.single.threads = 1  # candidates are spread over the threads instead of runs
         self.trials: dict[frozenset[str], Trial] = {frozenset(base.structure.effects): Trial(base, base.structure.effects, True)}
-        self.screens: dict[frozenset[str], list[Screened]] = {}
-        self.gates: dict[frozenset[str], Gate] = {}
-        self.looked: dict[frozenset[str], Trial] = {}
+        self.looks: dict[frozenset[str], tuple[Trial, Look]] = {}
+        self.nears: dict[frozenset[str], tuple[Trial, Look]] = {}
         self.grown: set[frozenset[str]] = set()
 
     def __reduce__(self):
         return Search, (self.problem, self.base)  # all that a refit elsewhere needs
 
+    def look(self, trial: Trial) -> Look:
+        """What a trial leaves."""
+        key = frozenset(trial.names)
+        if key not in self.looks or self.looks[key][0] is not trial:
+            self.looks[key] = trial, Look.at(self.problem, trial.fit)
+        return self.looks[key][1]
+
+    def near(self, trial: Trial) -> Look:
+        """What a trial leaves over the shortest of the growing horizons where that is far more than noise.
+
+        There the runs have not yet been thrown off what they would do with the missing effect, and first order still holds.
+        """
+        key = frozenset(trial.names)
+        if key not in self.nears or self.nears[key][0] is not trial:
+            self.nears[key] = trial, self._near(trial)
+        return self.nears[key][1]
+
+    def _near(self, trial: Trial) -> Look:
+        f, states, theta = trial.fit, None, trial.fit.theta
+        for part in growing(self.problem) if self.is_rough(f) else ():
+            over = fit(part, f.structure, states, theta, 8, tolerance=1.0, settle=True)
+            if np.isfinite(over.chi2) and self.is_rough(over):
+                return Look.at(part, over)
+            states, theta = over.states, over.theta
+        return self.look(trial)
+
     def screened(self, trial: Trial) -> list[Screened]:
         """Candidates' standing at a trial's fit."""
-        self._look(trial)
-        return self.screens[frozenset(trial.names)]
+        return self.look(trial).screened
 
     def gate(self, trial: Trial) -> Gate:
         """Whether a trial leaves nothing but noise."""
-        self._look(trial)
-        return self.gates[frozenset(trial.names)]
-
-    def _look(self, trial: Trial) -> None:
-        """Screen and gate of a trial, which share the linearisation."""
-        key = frozenset(trial.names)
-        if self.looked.get(key) is not trial:
-            runs, project = responses(self.problem, trial.fit), Projector(self.problem, trial.fit)
-            self.screens[key] = screen(self.problem, trial.fit, runs, project)
-            self.gates[key] = check(self.problem, trial.fit, runs, project, effect_columns(self.screens[key]))
-            self.looked[key] = trial
+        return self.look(trial).gate
 
     def grow(self, trial: Trial, limit: int) -> list[Trial]:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them refitted.
@@ -90,7 +114,7 @@ class Search:
         field.sort(key=lambda t: t.chi2)
         field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
         field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
-        field += self._from_scratch(trial, [s.candidate for s in self._stuck(trial, screened, field)])
+        field += self._from_scratch(trial, self._stuck(trial, screened, field))
         field.sort(key=lambda t: t.chi2)
         for t in field:
             self.keep(t)
@@ -104,7 +128,7 @@ class Search:
         key = frozenset(parent.names)
         if key not in self.grown:
             self.grow(parent, QUICK_LATER)
-        found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k]
+        found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k and not t.stands_in]
         for candidate in self._alike(trial, name):
             if not any(candidate.name in t.names and t.chi2 < trial.chi2 + MARGIN for t in found):
                 for t in self._from_scratch(parent, [candidate]):
@@ -117,7 +141,7 @@ class Search:
         f = trial.fit
         mine = [k for k, full in enumerate(f.structure.free) if full.rpartition(".")[0] == name]
         project = Projector(self.problem, f, leave=mine)
-        parts = [part.by_theta[:, mine] for part in f.linear] if mine else switch_columns(self.problem, f, responses(self.problem, f), name)
+        parts = [part.by_theta[:, mine] for part in f.linear] if mine else switch_columns(self.problem, f, self.look(trial).responses, name)
         own = visible(project, parts)
         own /= np.linalg.norm(own, axis=0)
         found = []
@@ -152,33 +176,66 @@ class Search:
                 best = new
         return Trial(best, (*trial.names, candidate.name), False, trial.occam) if best is not None and np.isfinite(best.chi2) else None
 
-    def _stuck(self, trial: Trial, screened: Sequence[Screened], field: Sequence[Trial]) -> list[Screened]:
-        """Candidates to be started from scratch: all where nothing comes near the noise, else those held far from their promise."""
+    def _stuck(self, trial: Trial, screened: Sequence[Screened], field: Sequence[Trial]) -> list[Candidate]:
+        """Candidates to be started from scratch: where nothing comes near the noise those that promise most, of the beginnings
+        of the runs too, else those held far from their promise."""
         reached = {t.names[-1]: t.chi2 for t in reversed(field)}
         best = min(reached.values(), default=np.inf)
-        if not best < ROUGH * trial.fit.samples:
-            return list(screened)
-        return [s for s in screened if trial.chi2 - s.promise < best - MARGIN and reached.get(s.candidate.name, np.inf) > trial.chi2 - 0.5 * s.promise]
+        if best < ROUGH * trial.fit.samples:
+            held = (s for s in screened if trial.chi2 - s.promise < best - MARGIN and reached.get(s.candidate.name, np.inf) > trial.chi2 - 0.5 * s.promise)
+            return [s.candidate for s in held]
+        near = self.near(trial)
+        left = near.fit.chi2 - max((s.promise for s in near.screened), default=0.0)
+        most = len(screened) if left < ROUGH * near.fit.samples else SEVERAL  # not any of them alone, then
+        found: dict[str, Candidate] = {}
+        for s in [s for pair in zip(near.screened, screened, strict=False) for s in pair][:most]:
+            name, known = s.candidate.name, found.get(s.candidate.name)
+            found[name] = replace(known, starts=(*known.starts, *(x for x in s.candidate.starts if x not in known.starts))) if known else s.candidate
+        return list(found.values())
 
     def is_rough(self, fit: Fit) -> bool:
         """Whether a fit leaves far more than noise."""
         return not fit.chi2 < ROUGH * fit.samples
 
     def _from_scratch(self, trial: Trial, candidates: Sequence[Candidate]) -> list[Trial]:
-        """The trial with one more effect, fitted over growing horizons from each start; the `SEVERAL` best there over all, best first."""
+        """The trial with one more effect, fitted over growing horizons from each start; best first."""
+        starts = [(c.name, *trial.fit.widened(c.name, start), trial.occam, c.name) for c in candidates for start in c.starts]
+        return self.race(trial, starts)
 
-        def starts(candidate: Candidate) -> list[Fit]:
-            self.tell(" + ".join([*trial.names, candidate.name]) + " from scratch")
-            found = []
-            for start in candidate.starts:
-                found += [near for near in [approach(self.single, *trial.fit.widened(candidate.name, start))] if near]
-            return sorted(found, key=lambda f: f.chi2)[:1]
+    def race(self, trial: Trial, starts: Sequence[tuple[str, Structure, np.ndarray, float, str]]) -> list[Trial]:
+        """The trial with one more effect, fitted over growing horizons from ``starts`` (name, structure,
+        theta, occam, label); best first.
 
-        near = [(fits[0], c.name) for fits, c in zip(self.map(starts, candidates), candidates, strict=True) if fits]
-        near.sort(key=lambda found: found[0].chi2)
-        whole = self.map(lambda found: fit(self.single, found[0].structure, found[0].states, found[0].theta), near[:SEVERAL])
-        trials = [Trial(f, (*trial.names, name), True, trial.occam) for f, (_, name) in zip(whole, near, strict=False) if np.isfinite(f.chi2)]
-        return sorted(trials, key=lambda t: t.chi2)
+        Over each horizon those drop out that others beat there by more than chance could; over all the field narrows as in `grow`.
+        """
+        problem = self.problem if len(starts) == 1 else self.single
+        field: list[Trial] = []
+
+        def start(part: Problem, name: str, structure: Structure, theta: np.ndarray, occam: float, label: str) -> Trial:
+            self.tell(f"{' + '.join([*trial.names, label])} from scratch")
+            return Trial(fit(part, structure, None, theta, 8, tolerance=1.0, settle=True), (*trial.names, name), False, occam)
+
+        def over(t: Trial, part: Problem, iterations: int, tolerance: float = 0.02, settle: bool = False) -> Trial:
+            theta = _continued(part, t.fit) if t.stands_in else t.fit.theta
+            return replace(t, fit=fit(part, t.fit.structure, t.fit.states, theta, iterations, tolerance, settle=settle))
+
+        def ranked(trials: Sequence[Trial]) -> list[Trial]:
+            return sorted((t for t in trials if np.isfinite(t.chi2)), key=lambda t: t.chi2 + t.occam)
+
+        def apart(field: Sequence[Trial]) -> list[Trial]:
+            """Without those far from the noise where one is near it, and only the first where none is."""
+            near = [t for t in field if not self.is_rough(t.fit)]
+            return near or list(field[:FULL])
+
+        for k, part in enumerate([*growing(problem)] or [problem]):
+            fits = self.map(lambda t, part=part: over(t, part, 8, 1.0, True), field) if k else self.map(lambda s, part=part: start(part, *s), starts)
+            field = ranked(fits)
+            field = [t for i, t in enumerate(apart(field)) if i < SEVERAL or t.chi2 + t.occam < field[0].chi2 + field[0].occam + BEATEN]
+        field = ranked({(t.names, t.fit.model.effects[t.names[-1]].get("variable")): t for t in reversed(field)}.values())[:SEVERAL]
+        for count, iterations in ((SEVERAL, 4), (FULL, 10), (BEAM, 30)):
+            field = apart(field)
+            field[:count] = ranked(self.map(lambda t, most=iterations: over(t, problem, most), field[:count]))
+        return [replace(t, full=k < BEAM) for k, t in enumerate(field)]
 
     def _settled(self, f: Fit) -> Fit:
         """A refit of all runs to convergence with all derivatives fresh, from where a fit stands or, where that is stuck, from scratch."""
@@ -221,6 +278,18 @@ class Search:
             if name not in names:
                 trial = self.without(trial, name)
         return trial
+
+
+def _continued(problem: Problem, f: Fit) -> np.ndarray:
+    """Theta to go on from over a longer horizon: the tables as they are or constant beyond what the data have seen, whichever predicts better."""
+    theta = f.theta.copy()
+    for columns in f.structure.tables.values():
+        told = sum(np.nansum(part.by_theta[:, columns] ** 2, axis=0) for part in f.linear)
+        seen = np.flatnonzero(told > SEEN * told.max())
+        if seen.size:
+            nearest = seen[np.abs(np.arange(len(columns))[:, None] - seen).argmin(axis=1)]
+            theta[columns] = f.theta[columns][nearest]
+    return min(f.theta, theta, key=lambda t: chi_square(problem.residuals(f.structure, t, f.states)))
 
 
 def _beside(linear: Sequence[Linearisation], columns: Sequence[np.ndarray]) -> list[Linearisation]:

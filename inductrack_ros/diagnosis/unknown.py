@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..core.state import COORDINATES
-from ..estimation.fit import fit, fit_from_scratch
-from ..estimation.structure import roughness
+from ..estimation.fit import Fit, fit
+from ..estimation.structure import Structure, roughness
 from .gate import Projector
+from .look import Look
 from .search import Search, Trial
 from .signatures import VARIABLES, RunResponse, basis, in_coordinate, moving_coordinates, responses
 
@@ -54,6 +55,11 @@ class Shape:
         return f"stand_in_{self.coordinate}"
 
     @property
+    def label(self) -> str:
+        """The shape in words."""
+        return f"any force in {self.coordinate} on {self.variable}"
+
+    @property
     def parameters(self) -> dict[str, object]:
         """Its parameters."""
         return {
@@ -65,25 +71,26 @@ class Shape:
         }
 
 
-def shapes(search: Search, trial: Trial) -> list[Shape]:
+def shapes(look: Look) -> list[Shape]:
     """Every coordinate and variable with the table size that suits it, most promising first."""
-    problem, f = search.problem, trial.fit
-    runs = responses(problem, f)
-    project = Projector(problem, f)
-    taken = {n for n in trial.names if n.startswith("stand_in")}
+    runs = look.responses
     spans = {v: span for v in VARIABLES if (span := _span(runs, v)) is not None}
+    tables = [(v, *span, 6 if v == "drive" else INTERVALS) for v, span in spans.items()]
     found = []
-    for coordinate in moving_coordinates(problem.dof):
-        if f"stand_in_{COORDINATES[coordinate]}" not in taken:
-            tables = [(v, *span, 6 if v == "drive" else INTERVALS) for v, span in spans.items()]
-            found += _linear(runs, project, project.residual, coordinate, tables)
+    for coordinate in moving_coordinates(look.problem.dof):
+        if f"stand_in_{COORDINATES[coordinate]}" not in look.fit.structure.effects:
+            found += _linear(runs, look.project, look.project.residual, coordinate, tables)
     found.sort(key=lambda s: -s.promise)
-    return [_zoomed(runs, project, project.residual, s) for s in found[:FULL]] + found[FULL:]
+    best = [_zoomed(runs, look.project, look.project.residual, s) for s in found[:FULL]]
+    return [s for s in best if s.promise > max(CLOSE * best[0].promise, 0.0)]
 
 
 def _span(runs: Sequence[RunResponse], variable: str) -> tuple[float, float] | None:
-    values = np.concatenate([r.variables[variable] for r in runs])
-    values = values[np.isfinite(values)]
+    """Range of a variable: all that its sensor saw where it has one (a simulation may be thrown far off), else the simulated."""
+    values = np.concatenate([r.measured(variable) for r in runs])
+    if not values.size:
+        values = np.concatenate([r.variables[variable] for r in runs])
+        values = values[np.isfinite(values)]
     if not values.size:
         return None
     low, high = np.quantile(values, [0.001, 0.999])
@@ -137,15 +144,21 @@ def _zoomed(runs, project, residual, shape: Shape) -> Shape:
     return max(shape, *_linear(runs, project, residual, COORDINATES.index(shape.coordinate), [table]), key=lambda s: s.promise)
 
 
-def stand_ins(search: Search, trial: Trial, limit: int = FULL) -> list[Trial]:
+def stand_ins(search: Search, trial: Trial) -> list[Trial]:
     """The trial with a stand-in, for the most promising shapes, refitted in full simulation; best first."""
-    found = shapes(search, trial)[:limit]
-    found = [s for s in found if s.promise > max(CLOSE * found[0].promise, 0.0)]
-    done = [t for t in search.map(lambda s: _refit(search, trial, s), found) if t is not None]
+    rough = search.is_rough(trial.fit)
+    if rough:
+        found = shapes(search.near(trial))
+        known = {(s.coordinate, s.variable) for s in found}
+        found += [s for s in shapes(search.look(trial)) if (s.coordinate, s.variable) not in known]
+        done = search.race(trial, [(s.name, *_start(trial, s, trial.fit), trial.occam + s.occam, s.label) for s in found])
+    else:
+        done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search.look(trial))) if t is not None]
     done.sort(key=lambda t: penalised(search, t))
-    for _ in range(REFINEMENTS if done else 0):
+    for k in range(REFINEMENTS if done else 0):
         finer = _refit(search, trial, _relaid(search, done[0]), done[0])
-        if finer is None or penalised(search, finer) > penalised(search, done[0]) - 1.0:
+        first_guess = rough and not k  # its smoothness was chosen from the beginnings of the runs
+        if finer is None or not first_guess and penalised(search, finer) > penalised(search, done[0]) - 1.0:
             break
         done[0] = finer
     for t in done[:1]:
@@ -173,31 +186,33 @@ def _relaid(search: Search, trial: Trial) -> Shape:
     return _zoomed(runs, project, residual, best)
 
 
-def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:
-    """The trial with this stand-in, fitted; started from ``near``, an earlier fit of nearly the same, where there is one."""
-    weight = trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
-    sound = np.abs(shape.values).max() < ABSURD * weight  # nor where not finite
-    if not np.isfinite(shape.values).all():
-        return None
-    search.tell(" + ".join([*trial.names, f"any force in {shape.coordinate} on {shape.variable}"]))
+def _start(trial: Trial, shape: Shape, near: Fit) -> tuple[Structure, np.ndarray]:
+    """A trial's structure with a stand-in, and theta: that of ``near`` and the first-order shape, or none where that leads astray."""
     plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
     structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})
-    source = (near or trial).fit
+    g = len(trial.fit.theta)
     theta = structure.start.copy()
-    theta[: len(trial.fit.theta)] = source.theta[: len(trial.fit.theta)]
+    theta[:g] = near.theta[:g]
+    weight = trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
+    if not np.abs(shape.values).max() < ABSURD * weight:
+        theta[g:] = 0.0
+    return structure, theta
+
+
+def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:
+    """The trial with this stand-in, fitted; started from ``near``, an earlier fit of nearly the same, where there is one."""
+    search.tell(f"{' + '.join([*trial.names, shape.label])}{' again' if near else ''}")
+    source = (near or trial).fit
+    structure, theta = _start(trial, shape, source)
     best = None
-    for scale in (1.0, 0.0) if sound else (0.0,):  # from the first-order shape, or from nothing where that leads astray
-        start = theta.copy()
-        start[len(trial.fit.theta) :] *= scale
-        new = fit(search.problem, structure, source.states, start, iterations=6, tolerance=3.0, reuse=source.linear)
+    for scale in (1.0, 0.0):  # from the first-order shape, or from nothing
+        theta[len(trial.fit.theta) :] *= scale
+        new = fit(search.problem, structure, source.states, theta, iterations=6, tolerance=3.0, reuse=source.linear)
         if np.isfinite(new.chi2) and (best is None or new.chi2 < best.chi2):
             best = new
         if best is not None and best.chi2 < trial.chi2:
             break
-    if near is None and (best is None or search.is_rough(best)):
-        theta[len(trial.fit.theta) :] = 0.0
-        best = min([best, fit_from_scratch(search.problem, structure, theta)], key=lambda f: f.chi2 if f else np.inf)
-    if best is None or not np.isfinite(best.chi2):
+    if best is None:
         return None
     if near is not None:
         best = fit(search.problem, structure, best.states, best.theta, iterations=3, tolerance=1.0)

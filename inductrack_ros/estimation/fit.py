@@ -91,14 +91,10 @@ def chi_square(residuals: Sequence[np.ndarray]) -> float:
     total = 0.0
     for r in residuals:
         missing = np.isnan(r)
-        if missing.mean() > 0.2:
+        if missing.sum() > 0.2 * r.size:
             return np.inf
         total += float(r[~missing] @ r[~missing]) + UNPREDICTED * int(missing.sum())
     return total
-
-
-def _within(problem: Problem, residuals: list[np.ndarray], until: float) -> list[np.ndarray]:
-    return [r[d.time <= until] for r, d in zip(residuals, problem.runs, strict=True)]
 
 
 def fit(
@@ -107,7 +103,6 @@ def fit(
     states: Sequence[np.ndarray] | None = None,
     theta: np.ndarray | None = None,
     iterations: int = 30,
-    until: float = np.inf,
     tolerance: float = 0.02,
     reuse: Sequence[Linearisation] | None = None,
     linear: Sequence[Linearisation] | None = None,
@@ -122,96 +117,106 @@ def fit(
     it arrives where the valleys are so curved that joint steps creep.
     """
     theta = structure.start.copy() if theta is None else np.array(theta, float)
-    low, high = structure.bounds
-    theta = np.clip(theta, low, high)
+    theta = np.clip(theta, *structure.bounds)
     states = [np.array(s if s is not None else d.guess) for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)]
-
-    def costs(residuals: Sequence[np.ndarray], xs: Sequence[np.ndarray]) -> np.ndarray:
-        """χ² of each run up to the horizon and of its initial state's prior."""
-        prior = [((x - d.guess) / STATE_PRIOR)[d.free_states] for x, d in zip(xs, problem.runs, strict=True)]
-        return np.array([chi_square([r]) + p @ p for r, p in zip(_within(problem, residuals, until), prior, strict=True)])
-
     damping, of_runs, converged, idle = 1e-3, np.full(len(states), 1e-3), False, 0
     if linear is None:
-        linear = problem.linearise(structure, theta, states, until, reuse)
-    residuals = [part.residual for part in linear]
-    each = costs(residuals, states)
-    current = float(each.sum()) + structure.surprise(theta)
+        linear = problem.linearise(structure, theta, states, reuse)
+    now = _point(problem, structure, theta, states, [part.residual for part in linear])
     for left in reversed(range(iterations)):
         accepted = False
         for _ in range(8):
             try:
-                step, local, gain = _solve(problem, linear, theta, structure, states, damping, of_runs, until)
+                step, local, gain = _solve(problem, linear, now.theta, structure, now.states, damping, of_runs)
             except np.linalg.LinAlgError:  # derivatives beyond all bounds: nothing to be had from here
                 break
-            enough = tolerance + COARSE * max(current - 2.0 * problem.samples, 0.0)
+            enough = tolerance + COARSE * max(now.cost - 2.0 * problem.samples, 0.0)
             if gain < enough and of_runs.max() > LOOSE:  # it may only be the damping that holds
                 damping, of_runs = min(damping, LOOSE), np.minimum(of_runs, LOOSE)
                 continue
             if gain < enough:
                 converged = True
                 break
-            new_theta = np.clip(theta + step, low, high)
-            new_states = [x + dx for x, dx in zip(states, local, strict=True)]
-            residuals = problem.residuals(structure, new_theta, new_states, until)
-            each = costs(residuals, new_states)
-            better = np.ones(len(states), bool)
-            if not current - float(each.sum()) - structure.surprise(new_theta) > 0.5 * gain:
-                # Curved valleys: a run that fares better where it was stays there and goes on with a damping of its own.
-                stayed = problem.residuals(structure, new_theta, states, until)
-                at_rest = costs(stayed, states)
-                better = each < at_rest
-                new_states = [new if b else x for new, x, b in zip(new_states, states, better, strict=True)]
-                residuals = [r if b else rest for r, rest, b in zip(residuals, stayed, better, strict=True)]
-                each = np.where(better, each, at_rest)
-                if settle and len(theta):
-                    new_states = _settled(problem, Structure(structure.with_theta(new_theta), ()), new_states, until)
-                    residuals = problem.residuals(structure, new_theta, new_states, until)
-                    each = costs(residuals, new_states)
-            trial = float(each.sum()) + structure.surprise(new_theta)
-            good = (current - trial) / gain
+            new, better = _moved(problem, structure, now, step, local, gain, settle)
+            good = (now.cost - new.cost) / gain
             ease = 0.1 if good > 0.5 else 0.5 if good > 0.0 else 1.0
             of_runs = np.where(better, np.maximum(ease * of_runs, 1e-9), 10.0 * of_runs)
-            if trial < current:
+            if new.cost < now.cost:
                 accepted = True
                 damping = max(ease * damping, 1e-9)
                 break
             damping *= 10.0
         if converged or not accepted:
-            converged = converged or np.isfinite(current)
+            converged = converged or np.isfinite(now.cost)
             break
-        idle = idle + 1 if current - trial < enough else 0
+        idle = idle + 1 if now.cost - new.cost < enough else 0
         converged = idle == IDLE
-        theta, states, current = new_theta, new_states, trial
+        now = new
         if reuse is not None and (converged or not left):  # a quick look ends with derivatives one step old
-            linear = [replace(part, residual=r) for part, r in zip(linear, residuals, strict=True)]
+            linear = [replace(part, residual=r) for part, r in zip(linear, now.residuals, strict=True)]
         else:
-            linear = problem.linearise(structure, theta, states, until, reuse, linear if reuse is not None else None)
+            linear = problem.linearise(structure, now.theta, now.states, reuse, linear if reuse is not None else None)
         if converged:
             break
-    residuals = _within(problem, [part.residual for part in linear], until)
-    return Fit(structure, theta, tuple(states), chi_square(residuals), _covariance(problem, structure, linear, until), tuple(linear), converged)
+    chi2 = chi_square([part.residual for part in linear])
+    return Fit(structure, now.theta, tuple(now.states), chi2, _covariance(structure, linear), tuple(linear), converged)
 
 
-def _blocks(data, part: Linearisation, until: float):
+@dataclass(frozen=True)
+class _Point:
+    """Where a fit stands: ``each`` (runs,) is χ² of each run and of its initial state's prior, ``cost`` all of it and theta's."""
+
+    theta: np.ndarray
+    states: list[np.ndarray]
+    residuals: list[np.ndarray]
+    each: np.ndarray
+    cost: float
+
+
+def _point(problem: Problem, structure: Structure, theta: np.ndarray, states: list[np.ndarray], residuals: list[np.ndarray] | None = None) -> _Point:
+    residuals = problem.residuals(structure, theta, states) if residuals is None else residuals
+    prior = [((x - d.guess) / STATE_PRIOR)[d.free_states] for x, d in zip(states, problem.runs, strict=True)]
+    each = np.array([chi_square([r]) + p @ p for r, p in zip(residuals, prior, strict=True)])
+    return _Point(theta, states, residuals, each, float(each.sum()) + structure.surprise(theta))
+
+
+def _moved(problem: Problem, structure: Structure, now: _Point, step, local, gain: float, settle: bool) -> tuple[_Point, np.ndarray]:
+    """The point a step further, and which runs (runs,) fared better for moving.
+
+    Where the step falls short of the ``gain`` it promises (curved valleys), a run that fares better where it was stays
+    there; with ``settle`` each is fitted anew from the better of the two.
+    """
+    theta = np.clip(now.theta + step, *structure.bounds)
+    moved = _point(problem, structure, theta, [x + dx for x, dx in zip(now.states, local, strict=True)])
+    if now.cost - moved.cost > 0.5 * gain:
+        return moved, np.ones(len(now.states), bool)
+    stayed = _point(problem, structure, theta, now.states)
+    better = moved.each < stayed.each
+    states = [a if b else x for a, x, b in zip(moved.states, stayed.states, better, strict=True)]
+    if settle and len(theta):
+        return _point(problem, structure, theta, _settled(problem, Structure(structure.with_theta(theta), ()), states)), better
+    residuals = [a if b else x for a, x, b in zip(moved.residuals, stayed.residuals, better, strict=True)]
+    return _point(problem, structure, theta, states, residuals), better
+
+
+def _blocks(part: Linearisation):
     """Rows of one run that are within all bounds: residual, derivatives by theta and by the free states."""
-    rows = (data.time <= until) & (np.abs(part.residual) < LOST)
-    rows &= (np.abs(part.by_theta) < LOST).all(axis=1) & (np.abs(part.by_state) < LOST).all(axis=1)  # not where NaN
+    rows = (np.abs(part.residual) < LOST) & (np.abs(part.by_theta) < LOST).all(axis=1) & (np.abs(part.by_state) < LOST).all(axis=1)  # not where NaN
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
 
 
-def _settled(problem: Problem, held: Structure, states: Sequence[np.ndarray], until: float) -> list[np.ndarray]:
+def _settled(problem: Problem, held: Structure, states: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Initial states after some steps of each run by itself, nothing else being free."""
 
     def task(i: int) -> np.ndarray:
         alone = problem.subset([i])
         alone.threads = 1
-        return fit(alone, held, [states[i]], iterations=SETTLE, until=until, tolerance=0.1).states[0]
+        return fit(alone, held, [states[i]], iterations=SETTLE, tolerance=0.1).states[0]
 
     return problem.for_runs(task)
 
 
-def _solve(problem, linear, theta, structure, states, damping, of_runs, until):
+def _solve(problem, linear, theta, structure, states, damping, of_runs):
     """Step of theta and of each run's states and the fall in cost it promises, theta damped by ``damping``, the states of each run by ``of_runs``."""
     g = len(theta)
     low, high = structure.bounds
@@ -219,7 +224,7 @@ def _solve(problem, linear, theta, structure, states, damping, of_runs, until):
     b = A @ (structure.centre - theta)
     runs = []
     for data, part, x, own in zip(problem.runs, linear, states, of_runs, strict=True):
-        r, G, X = _blocks(data, part, until)
+        r, G, X = _blocks(part)
         f = part.free_states
         weight = STATE_PRIOR[f] ** -2.0
         C = X.T @ X + np.diag(weight)
@@ -258,12 +263,12 @@ def _solve(problem, linear, theta, structure, states, damping, of_runs, until):
     return step, local, gain
 
 
-def _covariance(problem, structure, linear, until) -> np.ndarray:
+def _covariance(structure, linear) -> np.ndarray:
     """Covariance of theta with the initial states estimated beside it."""
     g = len(structure.free)
     A = structure.precision.copy()
-    for data, part in zip(problem.runs, linear, strict=True):
-        _, G, X = _blocks(data, part, until)
+    for part in linear:
+        _, G, X = _blocks(part)
         C = X.T @ X + np.diag(STATE_PRIOR[part.free_states] ** -2.0)
         A += G.T @ G - (G.T @ X) @ np.linalg.solve(C, X.T @ G)
     return np.linalg.pinv(A, rcond=1e-15, hermitian=True) if g else np.zeros((0, 0))
@@ -280,24 +285,29 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
 
 def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
     """The fit over the last of the growing horizons (χ² within it); None where the runs are too short for any."""
-    longest = max(d.grid[-1] for d in problem.runs)
     given, near, states = theta is not None, None, None
-    for k, horizon in enumerate(h for h in HORIZONS if h < 0.8 * longest):
-        step = fit(problem, structure, states, theta, iterations=8, until=horizon, tolerance=1.0, settle=True)
-        if k == 0 and not given and not step.chi2 < FAR_OFF * sum(int((d.time <= horizon).sum()) for d in problem.runs):
-            step = min([step, *_far_starts(problem, structure, states, horizon)], key=lambda f: f.chi2)
+    for k, part in enumerate(growing(problem)):
+        step = fit(part, structure, states, theta, iterations=8, tolerance=1.0, settle=True)
+        if k == 0 and not given and not step.chi2 < FAR_OFF * part.samples:
+            step = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2)
         if np.isfinite(step.chi2):
             near, states, theta = step, step.states, step.theta
     return near
 
 
-def _far_starts(problem: Problem, structure: Structure, states: Sequence[np.ndarray] | None, until: float) -> list[Fit]:
-    """Fits over a first horizon from multiples of each free parameter: a rig may be far from the paper's."""
+def growing(problem: Problem) -> list[Problem]:
+    """The problem within each of the growing horizons."""
+    longest = max(d.grid[-1] for d in problem.runs)
+    return [problem.within(h) for h in HORIZONS if h < 0.8 * longest]
+
+
+def _far_starts(problem: Problem, structure: Structure) -> list[Fit]:
+    """Fits from multiples of each free parameter: a rig may be far from the paper's."""
     fits = []
     for k, name in enumerate(structure.free):
         for multiple in MULTIPLES:
             values = [structure.value(n) * (multiple if n == name else 1.0) for n in structure.free]
             if structure.value(name) and structure.declarations[k].low <= values[k] <= structure.declarations[k].high:
-                fits.append(fit(problem, structure, states, structure.encode(values), iterations=8, until=until, tolerance=1.0))
+                fits.append(fit(problem, structure, theta=structure.encode(values), iterations=8, tolerance=1.0))
     return fits
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -57,6 +57,13 @@ class RunData:
     def free_states(self) -> np.ndarray:
         """Indices of the initial states to be estimated."""
         return np.flatnonzero(~self.fixed)
+
+    def within(self, horizon: float) -> RunData:
+        """The run with only its samples up to ``horizon`` (s)."""
+        kept = self.time <= horizon
+        grid = self.grid[: max(2, np.searchsorted(self.grid, horizon + GRID))]
+        parts = {name: getattr(self, name)[kept] for name in ("row", "column", "time", "y", "channel")}
+        return replace(self, grid=grid, **parts)
 
 
 def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunData:
@@ -165,6 +172,12 @@ class Problem:
         """Number of measured values."""
         return sum(len(r.y) for r in self.runs)
 
+    def within(self, horizon: float) -> Problem:
+        """The same problem with only the samples up to ``horizon`` (s) of each run."""
+        part = self.subset(range(len(self.runs)))
+        part.runs = tuple(data.within(horizon) for data in self.runs)
+        return part
+
     def for_runs(self, task: Callable[[int], object]) -> list:
         """``task(i)`` for every run, on the machine's threads, results in order."""
         if self.threads == 1 or len(self.runs) == 1:
@@ -172,10 +185,9 @@ class Problem:
         with ThreadPoolExecutor(self.threads) as pool:
             return list(pool.map(task, range(len(self.runs))))
 
-    def simulate(self, structure: Structure, i: int, thetas: np.ndarray, states: np.ndarray, until: float = np.inf) -> np.ndarray:
-        """Outputs (j, n, 15) of run i on its grid, up to the horizon ``until``, for each row of thetas and states (j, 8)."""
+    def simulate(self, structure: Structure, i: int, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Outputs (j, n, 15) of run i on its grid for each row of thetas and states (j, 8)."""
         data, model = self.runs[i], structure.model
-        times = data.grid[: max(2, np.searchsorted(data.grid, until + GRID))]
         P = structure.vectors(thetas)
         P[:, model.kernel.parameters.index("drive_current")] = data.run.drive_current
         x = np.zeros((len(states), len(model.kernel.states)))
@@ -184,9 +196,9 @@ class Problem:
         if x.shape[1] > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects):
             for j in range(len(x)):
                 x[j] = model.with_effect_states(x[j], P=P[j])
-        out = np.empty((len(states), times.size, len(OUTPUTS)))
+        out = np.empty((len(states), data.grid.size, len(OUTPUTS)))
         model.kernel.simulate_batch(
-            times, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses, 1.0, out
+            data.grid, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses, 1.0, out
         )
         return out
 
@@ -199,33 +211,30 @@ class Problem:
         return RunResponse(self.runs[i], self.sigma, structure.model, P, outputs, self.dof)
 
     def predict(self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """What the sensors of run i would read, (j, m), from simulated outputs; NaN past the horizon or outside the run."""
+        """What the sensors of run i would read, (j, m), from simulated outputs; NaN outside the run."""
         data = self.runs[i]
-        n = out.shape[1]
-        inside = data.row < n
-        predicted = np.full((len(out), len(data.y)), np.nan)
-        predicted[:, inside] = out[:, data.row[inside], data.column[inside]]
+        predicted = out[:, data.row, data.column]
         for channel in structure.sensors:
             if channel not in self.channels:
                 continue
-            mine = np.flatnonzero(inside & (data.channel == self.channels.index(channel)))
+            mine = np.flatnonzero(data.channel == self.channels.index(channel))
             values = structure.sensor_values(channel, thetas)
             if "sensor_delay" in values:
                 for j, delay in enumerate(values["sensor_delay"]):
-                    predicted[j, mine] = _interpolate(data.grid[:n], out[j], channel, data.time[mine] - delay)
+                    predicted[j, mine] = _interpolate(data.grid, out[j], channel, data.time[mine] - delay)
             if "sensor_scale" in values:
                 predicted[:, mine] *= values["sensor_scale"][:, None]
             if "sensor_bias" in values:
                 predicted[:, mine] += values["sensor_bias"][:, None]
         return predicted
 
-    def residuals(self, structure: Structure, theta: np.ndarray, states: Sequence[np.ndarray], until: float = np.inf) -> list[np.ndarray]:
+    def residuals(self, structure: Structure, theta: np.ndarray, states: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Residuals over noise of each run, (m,): NaN where there is nothing to compare (see `predict`)."""
 
         def task(i: int) -> np.ndarray:
             data = self.runs[i]
             thetas = theta[None]
-            out = self.simulate(structure, i, thetas, states[i][None], until)
+            out = self.simulate(structure, i, thetas, states[i][None])
             return (data.y - self.predict(structure, i, thetas, out)[0]) / self.sigma[data.channel]
 
         return self.for_runs(task)
@@ -235,7 +244,6 @@ class Problem:
         structure: Structure,
         theta: np.ndarray,
         states: Sequence[np.ndarray],
-        until: float = np.inf,
         reuse: Sequence[Linearisation] | None = None,
         tables_from: Sequence[Linearisation] | None = None,
     ) -> list[Linearisation]:
@@ -264,7 +272,7 @@ class Problem:
             for k, s in enumerate(free):
                 x[jobs - 2 * len(free) + k, s] += STATE_STEPS[s]
                 x[jobs - len(free) + k, s] -= STATE_STEPS[s]
-            out = self.simulate(structure, i, thetas, x, until)
+            out = self.simulate(structure, i, thetas, x)
             read = self.predict(structure, i, thetas, out)
             weight = 1.0 / self.sigma[data.channel]
             at = {(k, v): 1 + j for j, (k, v) in enumerate(points)}

@@ -51,6 +51,11 @@ class RunResponse:
         histories = {s: self.outputs[:, INDEX[s]] for s in STATES}
         return histories | {"time": self.grid, "drive": np.full(n, self.data.run.drive_current)}
 
+    def measured(self, variable: str) -> np.ndarray:
+        """What the run's sensor saw of a variable, all of the run; empty where it has none."""
+        run = self.data.run
+        return run.times if variable == "time" else run.samples(variable)[1] if variable in run.channels else np.empty(0)
+
     def respond(self, forces: np.ndarray) -> np.ndarray:
         """Change of the measurements over noise, (m, l), that force histories (n, 4, l) (N, N·m by coordinate) would make."""
         a = forces * self.inverse_inertia[:, None]
