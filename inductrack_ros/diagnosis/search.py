@@ -29,6 +29,8 @@ MARGIN = 6.6
 BEATEN = 25.0
 #: Entries of a table that the data tell less than this part of the best known one about are not seen.
 SEEN = 1e-3
+#: Growing horizons are never closer than this (s).
+LEAST = 0.06
 #: Effects whose signatures, the nuisance projected out, are as parallel as this are tried in each other's place.
 ALIKE = 0.95
 
@@ -88,7 +90,8 @@ class Search:
 
     def _near(self, trial: Trial) -> Look:
         f, states, theta = trial.fit, None, trial.fit.theta
-        for part in growing(self.problem) if self.is_rough(f) else ():
+        for horizon in growing(self.problem)[:-1] if self.is_rough(f) else ():
+            part = self.problem.within(horizon)
             over = fit(part, f.structure, states, theta, 8, tolerance=1.0, settle=True)
             if np.isfinite(over.chi2) and self.is_rough(over):
                 return Look.at(part, over)
@@ -110,10 +113,12 @@ class Search:
         win, by what they promise to first order, but whose refit is stuck far from it, start from scratch.
         """
         screened = self.screened(trial)[:limit]
-        field = [t for t in self.map(lambda s: self._first_step(trial, s), screened) if t]
-        field.sort(key=lambda t: t.chi2)
-        field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
-        field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
+        field: list[Trial] = []
+        if not trial.fit.hopeless:
+            field = [t for t in self.map(lambda s: self._first_step(trial, s), screened) if t]
+            field.sort(key=lambda t: t.chi2)
+            field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
+            field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
         field += self._from_scratch(trial, self._stuck(trial, screened, field))
         field.sort(key=lambda t: t.chi2)
         for t in field:
@@ -128,29 +133,49 @@ class Search:
         key = frozenset(parent.names)
         if key not in self.grown:
             self.grow(parent, QUICK_LATER)
-        found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k and not t.stands_in]
-        for candidate in self._alike(trial, name):
-            if not any(candidate.name in t.names and t.chi2 < trial.chi2 + MARGIN for t in found):
-                for t in self._from_scratch(parent, [candidate]):
+        for screened, size in self._alike(trial, name):
+            known = self.trials.get(key | {screened.candidate.name})
+            if known is None or known.chi2 > trial.chi2 + MARGIN:
+                for t in self._from_scratch(parent, [screened.candidate]):
                     self.keep(t)
-                    found.append(t)
+                self._exchange(trial, name, screened, size)
+        found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k and not t.stands_in]
         return sorted(found, key=lambda t: t.chi2)
 
-    def _alike(self, trial: Trial, name: str) -> list[Candidate]:
-        """Candidates that would do to the measurements what one effect of a trial does."""
+    def _alike(self, trial: Trial, name: str) -> list[tuple[Screened, np.ndarray]]:
+        """Candidates that would do to the measurements what one effect of a trial does, and the size (p,) at which they would."""
         f = trial.fit
         mine = [k for k, full in enumerate(f.structure.free) if full.rpartition(".")[0] == name]
         project = Projector(self.problem, f, leave=mine)
-        parts = [part.by_theta[:, mine] for part in f.linear] if mine else switch_columns(self.problem, f, self.look(trial).responses, name)
+        if mine:
+            parts = [part.by_theta[:, mine] for part in f.linear]
+            nothing = self.base.structure.plus(name).start[-len(mine) :]
+            made = [part @ (f.theta[mine] - nothing)[:, None] for part in parts]
+        else:
+            made = parts = switch_columns(self.problem, f, self.look(trial).responses, name)
         own = visible(project, parts)
         own /= np.linalg.norm(own, axis=0)
+        wanted = project(project.stack(made))[:, 0]
         found = []
         for s in self.screened(trial):
             other = visible(project, s.columns)
             cosines = own.T @ (other / np.linalg.norm(other, axis=0))
             if cosines.size and np.linalg.norm(cosines, 2) > ALIKE:
-                found.append(s.candidate)
+                found.append((s, np.linalg.lstsq(project(project.stack(s.columns)), wanted, rcond=1e-6)[0]))
         return found
+
+    def _exchange(self, trial: Trial, name: str, screened: Screened, size: np.ndarray) -> None:
+        """Try a candidate in the place of a trial's effect from where the trial stands, for a start from scratch may end elsewhere."""
+        f, candidate = trial.fit, screened.candidate
+        rest = f.structure.minus(name)
+        structure = rest.plus(candidate.name)
+        theta = structure.start.copy()
+        theta[: len(rest.free)] = [x for x, full in zip(f.theta, f.structure.free, strict=True) if full in rest.free]
+        if candidate.parameters == len(size):  # not a wave's, whose columns are sines and cosines
+            theta[len(rest.free) :] += size
+        new = fit(self.problem, structure, f.states, theta, settle=True)
+        if np.isfinite(new.chi2):
+            self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, trial.occam))
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the workers."""
@@ -227,12 +252,24 @@ class Search:
             near = [t for t in field if not self.is_rough(t.fit)]
             return near or list(field[:FULL])
 
-        for k, part in enumerate([*growing(problem)] or [problem]):
-            fits = self.map(lambda t, part=part: over(t, part, 8, 1.0, True), field) if k else self.map(lambda s, part=part: start(part, *s), starts)
-            field = ranked(fits)
+        reached, horizons = 0.0, growing(problem)
+        while horizons:
+            part = problem.within(horizons[0])
+            again = lambda t, part=part: over(t, part, 8, 1.0, True)  # noqa: E731
+            new = ranked(self.map(again, field) if reached else self.map(lambda s, part=part: start(part, *s), starts))
+            if new and self.is_rough(new[0].fit):
+                if len(field) in range(1, FULL + 1) and horizons[0] - reached > LEAST:  # too far at once
+                    horizons.insert(0, 0.5 * (reached + horizons[0]))
+                    continue
+                new = ranked(self.map(again, new[:FULL]))
+            field = new
+            if not field or self.is_rough(field[0].fit):  # none of them alone: longer horizons would only tell the same
+                break
             field = [t for i, t in enumerate(apart(field)) if i < SEVERAL or t.chi2 + t.occam < field[0].chi2 + field[0].occam + BEATEN]
+            reached = horizons.pop(0)
         field = ranked({(t.names, t.fit.model.effects[t.names[-1]].get("variable")): t for t in reversed(field)}.values())[:SEVERAL]
-        for count, iterations in ((SEVERAL, 4), (FULL, 10), (BEAM, 30)):
+        alone = bool(field) and not self.is_rough(field[0].fit)
+        for count, iterations in ((SEVERAL, 4), (FULL, 10), (BEAM, 30)) if alone else ((FULL, 4), (BEAM, 10)):
             field = apart(field)
             field[:count] = ranked(self.map(lambda t, most=iterations: over(t, problem, most), field[:count]))
         return [replace(t, full=k < BEAM) for k, t in enumerate(field)]

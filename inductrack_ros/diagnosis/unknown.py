@@ -110,6 +110,7 @@ def _linear(runs, project, residual, coordinate, tables) -> list[Shape]:
     for (variable, low, high, n), a, b in zip(tables, edges[:-1], edges[1:], strict=True):
         gram, score = columns[:, a:b].T @ columns[:, a:b], columns[:, a:b].T @ residual
         unit = np.trace(gram) / len(gram)
+        gram += np.diag(np.full(len(gram), 1e-12 * unit))  # nothing is known where no run has been
         best = max((_evidence(gram, score, unit * w) for w in WEIGHTS), key=lambda e: e[0])
         promise, values, weight, fall = best
         shapes_.append(Shape(COORDINATES[coordinate], variable, low, (high - low) / n, values, promise, weight, fall - promise))

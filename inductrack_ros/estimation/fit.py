@@ -26,8 +26,10 @@ COARSE = 1e-4
 LOOSE, IDLE = 1e-3, 2
 #: Steps of each run by itself after a joint step that fell short of its promise.
 SETTLE = 4
-#: Growing horizons of a fit from scratch (s).
-HORIZONS = (0.15, 0.4, 0.8)
+#: Growing horizons of a fit from scratch (s), and by what they grow from there: impacts and instability are taken in bit by bit.
+HORIZONS, GROWTH = (0.15, 0.4, 0.8), 1.35
+#: A fit that leaves so many times the noise's χ² has lost the runs: only their beginnings still tell anything.
+HOPELESS = 100.0
 #: Where even the first horizon misses by this many times the noise's χ², each free parameter is also started at these multiples.
 FAR_OFF, MULTIPLES = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0)
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
@@ -78,6 +80,11 @@ class Fit:
     def samples(self) -> int:
         """Number of samples compared."""
         return sum(len(part.residual) for part in self.linear)
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether so much is left that the runs have been thrown far off what was measured."""
+        return not self.chi2 < HOPELESS * self.samples
 
     @property
     def reduced_chi2(self) -> float:
@@ -280,25 +287,33 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
     Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact makes them jump.
     """
     near = approach(problem, structure, theta)
+    if near and near.hopeless:  # a wrong model; whole runs that are thrown far off would only move its parameters out of the way
+        return fit(problem, structure, near.states, near.theta, iterations=4)
     return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)), settle=True)
 
 
 def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
-    """The fit over the last of the growing horizons (χ² within it); None where the runs are too short for any."""
+    """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless; None where the runs are too short for any."""
     given, near, states = theta is not None, None, None
-    for k, part in enumerate(growing(problem)):
+    for k, horizon in enumerate(growing(problem)[:-1]):
+        part = problem.within(horizon)
         step = fit(part, structure, states, theta, iterations=8, tolerance=1.0, settle=True)
         if k == 0 and not given and not step.chi2 < FAR_OFF * part.samples:
             step = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2)
         if np.isfinite(step.chi2):
             near, states, theta = step, step.states, step.theta
+        if step.hopeless:
+            break
     return near
 
 
-def growing(problem: Problem) -> list[Problem]:
-    """The problem within each of the growing horizons."""
+def growing(problem: Problem) -> list[float]:
+    """The growing horizons (s), the last of them all of the longest run."""
     longest = max(d.grid[-1] for d in problem.runs)
-    return [problem.within(h) for h in HORIZONS if h < 0.8 * longest]
+    horizons = list(HORIZONS)
+    while horizons[-1] < longest:
+        horizons.append(GROWTH * horizons[-1])
+    return [h for h in horizons if h < 0.8 * longest] + [longest]
 
 
 def _far_starts(problem: Problem, structure: Structure) -> list[Fit]:

@@ -31,8 +31,8 @@ GRID = 2.5e-3
 THETA_STEP = 2e-3
 #: Prior standard deviation of an initial state about its first guess: says nothing where anything is measured.
 STATE_PRIOR = np.array([0.5, 0.02, 0.02, 0.1, 10.0, 1.0, 1.0, 10.0])
-#: Samples this close (s) to a run's start or end are left out of a channel whose delay is in question.
-DELAY_MARGIN = 1e-9
+#: Predictions go on this far (s) beyond a run's ends, for the derivatives by a delay of its first and last samples.
+DELAY_MARGIN = 1e-5
 
 _SLOPE_OF = {**dict(zip(COORDINATES, RATES, strict=True)), **dict(zip(RATES, ACCELERATIONS, strict=True))}
 
