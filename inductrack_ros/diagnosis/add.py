@@ -16,8 +16,9 @@ from ..estimation.structure import Structure
 from . import support
 from .candidates import Candidate
 from .diagnose import base_fit, step_of, traces_of, where_won
+from .race import Trial
 from .result import Diagnosis, Rival
-from .search import Search, Trial
+from .search import Search
 
 
 def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str], None] = lambda _: None) -> Diagnosis:

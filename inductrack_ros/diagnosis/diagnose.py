@@ -22,8 +22,9 @@ from . import support
 from .candidates import visible
 from .experiment import propose
 from .gate import Gate
+from .race import Trial
 from .result import INTERRUPTED, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
-from .search import BEAM, QUICK_FIRST, QUICK_LATER, Search, Trial
+from .search import BEAM, QUICK_FIRST, QUICK_LATER, Search
 from .signatures import VARIABLES
 from .unknown import penalised, stand_ins
 

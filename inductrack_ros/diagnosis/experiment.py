@@ -19,8 +19,9 @@ from ..data.measurement import Run
 from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.problem import Problem, lay_out
 from ..estimation.structure import Structure
+from .race import Trial
 from .result import Proposal, Unknown
-from .search import Search, Trial
+from .search import Search
 
 SPEEDS = (12.0, 16.0, 20.0, 26.0, 34.0, 42.0)
 CURRENTS = (0.0, 3500.0, 7000.0)

@@ -6,53 +6,25 @@ the best), so that two effects are found even where the best single one is neith
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.fit import Fit, chi_square, fit, fit_from_scratch, growing
+from ..estimation.fit import ROUGH, Fit, fit, fit_from_scratch, growing
 from ..estimation.problem import Linearisation, Problem
-from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from .candidates import Candidate, Screened, switch_columns, visible
 from .gate import Gate, Projector
 from .look import Look
+from .race import SEVERAL, Start, Trial, race
 
-#: Candidates that get one step of a refit at first and later, several, and a refit to convergence; sets kept at each size.
-QUICK_FIRST, QUICK_LATER, SEVERAL, FULL, BEAM = 24, 12, 8, 4, 2
-#: A refit that leaves so many times the noise's χ² may only be stuck: it is done over growing horizons too.
-ROUGH = 1.5
+#: Candidates that get one step of a refit at first and later, and a refit to convergence; sets kept at each size.
+QUICK_FIRST, QUICK_LATER, FULL, BEAM = 24, 12, 4, 2
 #: What a candidate must promise beyond the best to be worth another try.
 MARGIN = 6.6
-#: A refit over a short horizon that another beats by so much in χ² is not the one sought.
-BEATEN = 25.0
-#: Entries of a table that the data tell less than this part of the best known one about are not seen.
-SEEN = 1e-3
-#: Growing horizons are never closer than this (s).
-LEAST = 0.06
 #: Effects whose signatures, the nuisance projected out, are as parallel as this are tried in each other's place.
 ALIKE = 0.95
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A set of effects, fitted: what it costs in χ² and in parameters."""
-
-    fit: Fit
-    names: tuple[str, ...]
-    full: bool
-    occam: float = 0.0  # what its stand-ins' freedom costs
-
-    @property
-    def stands_in(self) -> bool:
-        """Whether a force of any shape is among its effects."""
-        return any(n.startswith("stand_in") for n in self.names)
-
-    @property
-    def chi2(self) -> float:
-        """χ² of all samples."""
-        return self.fit.chi2
 
 
 class Search:
@@ -90,10 +62,10 @@ class Search:
 
     def _near(self, trial: Trial) -> Look:
         f, states, theta = trial.fit, None, trial.fit.theta
-        for horizon in growing(self.problem)[:-1] if self.is_rough(f) else ():
+        for horizon in growing(self.problem)[:-1] if f.rough else ():
             part = self.problem.within(horizon)
             over = fit(part, f.structure, states, theta, 8, tolerance=1.0, settle=True)
-            if np.isfinite(over.chi2) and self.is_rough(over):
+            if np.isfinite(over.chi2) and over.rough:
                 return Look.at(part, over)
             states, theta = over.states, over.theta
         return self.look(trial)
@@ -218,66 +190,23 @@ class Search:
             found[name] = replace(known, starts=(*known.starts, *(x for x in s.candidate.starts if x not in known.starts))) if known else s.candidate
         return list(found.values())
 
-    def is_rough(self, fit: Fit) -> bool:
-        """Whether a fit leaves far more than noise."""
-        return not fit.chi2 < ROUGH * fit.samples
+    def race(self, starts: Sequence[Start]) -> list[Trial]:
+        """Refits from scratch (`race.race`), spread over the workers."""
+        return race(self.problem if len(starts) == 1 else self.single, starts, self.map, self.tell)
 
     def _from_scratch(self, trial: Trial, candidates: Sequence[Candidate]) -> list[Trial]:
         """The trial with one more effect, fitted over growing horizons from each start; best first."""
-        starts = [(c.name, *trial.fit.widened(c.name, start), trial.occam, c.name) for c in candidates for start in c.starts]
-        return self.race(trial, starts)
 
-    def race(self, trial: Trial, starts: Sequence[tuple[str, Structure, np.ndarray, float, str]]) -> list[Trial]:
-        """The trial with one more effect, fitted over growing horizons from ``starts`` (name, structure,
-        theta, occam, label); best first.
+        def start(name: str, values: Mapping[str, float]) -> Start:
+            names = (*trial.names, name)
+            return Start(names, *trial.fit.widened(name, values), trial.occam, " + ".join(names))
 
-        Over each horizon those drop out that others beat there by more than chance could; over all the field narrows as in `grow`.
-        """
-        problem = self.problem if len(starts) == 1 else self.single
-        field: list[Trial] = []
-
-        def start(part: Problem, name: str, structure: Structure, theta: np.ndarray, occam: float, label: str) -> Trial:
-            self.tell(f"{' + '.join([*trial.names, label])} from scratch")
-            return Trial(fit(part, structure, None, theta, 8, tolerance=1.0, settle=True), (*trial.names, name), False, occam)
-
-        def over(t: Trial, part: Problem, iterations: int, tolerance: float = 0.02, settle: bool = False) -> Trial:
-            theta = _continued(part, t.fit) if t.stands_in else t.fit.theta
-            return replace(t, fit=fit(part, t.fit.structure, t.fit.states, theta, iterations, tolerance, settle=settle))
-
-        def ranked(trials: Sequence[Trial]) -> list[Trial]:
-            return sorted((t for t in trials if np.isfinite(t.chi2)), key=lambda t: t.chi2 + t.occam)
-
-        def apart(field: Sequence[Trial]) -> list[Trial]:
-            """Without those far from the noise where one is near it, and only the first where none is."""
-            near = [t for t in field if not self.is_rough(t.fit)]
-            return near or list(field[:FULL])
-
-        reached, horizons = 0.0, growing(problem)
-        while horizons:
-            part = problem.within(horizons[0])
-            again = lambda t, part=part: over(t, part, 8, 1.0, True)  # noqa: E731
-            new = ranked(self.map(again, field) if reached else self.map(lambda s, part=part: start(part, *s), starts))
-            if new and self.is_rough(new[0].fit):
-                if len(field) in range(1, FULL + 1) and horizons[0] - reached > LEAST:  # too far at once
-                    horizons.insert(0, 0.5 * (reached + horizons[0]))
-                    continue
-                new = ranked(self.map(again, new[:FULL]))
-            field = new
-            if not field or self.is_rough(field[0].fit):  # none of them alone: longer horizons would only tell the same
-                break
-            field = [t for i, t in enumerate(apart(field)) if i < SEVERAL or t.chi2 + t.occam < field[0].chi2 + field[0].occam + BEATEN]
-            reached = horizons.pop(0)
-        field = ranked({(t.names, t.fit.model.effects[t.names[-1]].get("variable")): t for t in reversed(field)}.values())[:SEVERAL]
-        alone = bool(field) and not self.is_rough(field[0].fit)
-        for count, iterations in ((SEVERAL, 4), (FULL, 10), (BEAM, 30)) if alone else ((FULL, 4), (BEAM, 10)):
-            field = apart(field)
-            field[:count] = ranked(self.map(lambda t, most=iterations: over(t, problem, most), field[:count]))
-        return [replace(t, full=k < BEAM) for k, t in enumerate(field)]
+        return self.race([start(c.name, values) for c in candidates for values in c.starts])
 
     def _settled(self, f: Fit) -> Fit:
         """A refit of all runs to convergence with all derivatives fresh, from where a fit stands or, where that is stuck, from scratch."""
         new = fit(self.problem, f.structure, f.states, f.theta, iterations=15)
-        if self.is_rough(new):
+        if new.rough:
             new = min(new, fit_from_scratch(self.problem, f.structure, f.theta), key=lambda f: f.chi2)
         return new
 
@@ -315,18 +244,6 @@ class Search:
             if name not in names:
                 trial = self.without(trial, name)
         return trial
-
-
-def _continued(problem: Problem, f: Fit) -> np.ndarray:
-    """Theta to go on from over a longer horizon: the tables as they are or constant beyond what the data have seen, whichever predicts better."""
-    theta = f.theta.copy()
-    for columns in f.structure.tables.values():
-        told = sum(np.nansum(part.by_theta[:, columns] ** 2, axis=0) for part in f.linear)
-        seen = np.flatnonzero(told > SEEN * told.max())
-        if seen.size:
-            nearest = seen[np.abs(np.arange(len(columns))[:, None] - seen).argmin(axis=1)]
-            theta[columns] = f.theta[columns][nearest]
-    return min(f.theta, theta, key=lambda t: chi_square(problem.residuals(f.structure, t, f.states)))
 
 
 def _beside(linear: Sequence[Linearisation], columns: Sequence[np.ndarray]) -> list[Linearisation]:

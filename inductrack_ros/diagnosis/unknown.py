@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..core.state import COORDINATES
-from ..estimation.fit import Fit, fit
-from ..estimation.structure import Structure, roughness
+from ..estimation.fit import fit
+from ..estimation.structure import roughness
 from .gate import Projector
 from .look import Look
-from .search import Search, Trial
+from .race import Start, Trial
+from .search import Search
 from .signatures import VARIABLES, RunResponse, basis, in_coordinate, moving_coordinates, responses
 
 #: Intervals of the table that every variable is tried with, and of the finer one for the best along the track or in time.
@@ -147,12 +148,12 @@ def _zoomed(runs, project, residual, shape: Shape) -> Shape:
 
 def stand_ins(search: Search, trial: Trial) -> list[Trial]:
     """The trial with a stand-in, for the most promising shapes, refitted in full simulation; best first."""
-    rough = search.is_rough(trial.fit)
+    rough = trial.fit.rough
     if rough:
         found = shapes(search.near(trial))
         known = {(s.coordinate, s.variable) for s in found}
         found += [s for s in shapes(search.look(trial)) if (s.coordinate, s.variable) not in known]
-        done = search.race(trial, [(s.name, *_start(trial, s, trial.fit), trial.occam + s.occam, s.label) for s in found])
+        done = search.race([_start(trial, s) for s in found])
     else:
         done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search.look(trial))) if t is not None]
     done.sort(key=lambda t: penalised(search, t))
@@ -187,24 +188,26 @@ def _relaid(search: Search, trial: Trial) -> Shape:
     return _zoomed(runs, project, residual, best)
 
 
-def _start(trial: Trial, shape: Shape, near: Fit) -> tuple[Structure, np.ndarray]:
-    """A trial's structure with a stand-in, and theta: that of ``near`` and the first-order shape, or none where that leads astray."""
+def _start(trial: Trial, shape: Shape, near: Trial | None = None) -> Start:
+    """A trial with a stand-in, at the first-order shape or at none where that leads astray; the rest as in ``near``, where given."""
     plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
     structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})
     g = len(trial.fit.theta)
     theta = structure.start.copy()
-    theta[:g] = near.theta[:g]
+    theta[:g] = (near or trial).fit.theta[:g]
     weight = trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
     if not np.abs(shape.values).max() < ABSURD * weight:
         theta[g:] = 0.0
-    return structure, theta
+    names = (*trial.names, shape.name)
+    return Start(names, structure, theta, trial.occam + shape.occam, " + ".join([*trial.names, shape.label]))
 
 
 def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:
     """The trial with this stand-in, fitted; started from ``near``, an earlier fit of nearly the same, where there is one."""
-    search.tell(f"{' + '.join([*trial.names, shape.label])}{' again' if near else ''}")
+    start = _start(trial, shape, near)
+    search.tell(f"{start.label}{' again' if near else ''}")
     source = (near or trial).fit
-    structure, theta = _start(trial, shape, source)
+    structure, theta = start.structure, start.theta
     best = None
     for scale in (1.0, 0.0):  # from the first-order shape, or from nothing
         theta[len(trial.fit.theta) :] *= scale
@@ -217,7 +220,7 @@ def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None
         return None
     if near is not None:
         best = fit(search.problem, structure, best.states, best.theta, iterations=3, tolerance=1.0)
-    return Trial(best, (*trial.names, shape.name), True, trial.occam + shape.occam)
+    return Trial(best, start.names, True, start.occam)
 
 
 def penalised(search: Search, trial: Trial) -> float:

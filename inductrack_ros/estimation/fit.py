@@ -28,8 +28,9 @@ LOOSE, IDLE = 1e-3, 2
 SETTLE = 4
 #: Growing horizons of a fit from scratch (s), and by what they grow from there: impacts and instability are taken in bit by bit.
 HORIZONS, GROWTH = (0.15, 0.4, 0.8), 1.35
-#: A fit that leaves so many times the noise's χ² has lost the runs: only their beginnings still tell anything.
-HOPELESS = 100.0
+#: A fit that leaves so many times the noise's χ² may only be stuck; one that leaves so many has lost the runs, and only their
+#: beginnings still tell anything.
+ROUGH, HOPELESS = 1.5, 100.0
 #: Where even the first horizon misses by this many times the noise's χ², each free parameter is also started at these multiples.
 FAR_OFF, MULTIPLES = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0)
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
@@ -80,6 +81,11 @@ class Fit:
     def samples(self) -> int:
         """Number of samples compared."""
         return sum(len(part.residual) for part in self.linear)
+
+    @property
+    def rough(self) -> bool:
+        """Whether far more than noise is left."""
+        return not self.chi2 < ROUGH * self.samples
 
     @property
     def hopeless(self) -> bool:
