@@ -70,8 +70,8 @@ def race(problem: Problem, starts: Sequence[Start], spread: Callable[[Callable, 
     def begin(part: Problem, s: Start) -> Trial:
         return Trial(fit(part, s.structure, None, s.theta, 8, tolerance=1.0, settle=True), s.names, False, s.occam)
 
-    def go_on(part: Problem, t: Trial) -> Trial:
-        return replace(t, fit=fit(part, t.fit.structure, t.fit.states, _continued(part, t.fit), 8, tolerance=1.0, settle=True))
+    def go_on(part: Problem, t: Trial, settle: bool = True) -> Trial:
+        return replace(t, fit=fit(part, t.fit.structure, t.fit.states, _continued(part, t.fit), 8, tolerance=1.0, settle=settle))
 
     def refine(t: Trial, iterations: int) -> Trial:
         return replace(t, fit=fit(problem, t.fit.structure, t.fit.states, _continued(problem, t.fit), iterations))
@@ -81,7 +81,11 @@ def race(problem: Problem, starts: Sequence[Start], spread: Callable[[Callable, 
     while horizons:
         part = problem.within(horizons[0])
         tell(_told(field or starts, horizons[0]))
-        new = _ranked(spread(lambda t, part=part: go_on(part, t), field) if reached else spread(lambda s, part=part: begin(part, s), starts))
+        settle = len(horizons) > 1 or len(field) <= FEW  # over whole runs it costs most
+        if reached:
+            new = _ranked(spread(lambda t, part=part, settle=settle: go_on(part, t, settle), field))
+        else:
+            new = _ranked(spread(lambda s, part=part: begin(part, s), starts))
         if new and new[0].fit.rough:
             if field and len(field) <= FEW and horizons[0] - reached > LEAST:
                 horizons.insert(0, 0.5 * (reached + horizons[0]))
@@ -91,7 +95,7 @@ def race(problem: Problem, starts: Sequence[Start], spread: Callable[[Callable, 
         if not field or field[0].fit.rough:  # none of them alone: longer horizons would only tell the same
             break
         best = _cost(field[0])
-        field = [t for i, t in enumerate(_near_noise(field)) if i < SEVERAL or _cost(t) < best + BEATEN]
+        field = [t for i, t in enumerate(_near_noise(field)) if i < FEW or _cost(t) < best + BEATEN]
         reached = horizons.pop(0)
     field = _ranked({(t.names, t.fit.model.effects[t.names[-1]].get("variable")): t for t in reversed(field)}.values())[:SEVERAL]
     if field:

@@ -24,8 +24,8 @@ LOST = 1e12
 COARSE = 1e-4
 #: Damping above which a small step proves nothing; steps in a row that win nothing before a fit ends.
 LOOSE, IDLE = 1e-3, 2
-#: Steps of each run by itself after a joint step that fell short of its promise.
-SETTLE = 4
+#: Steps of each run by itself after a joint step that fell short of its promise; after how many such steps, one damped more than the other.
+SETTLE, SETTLED = 4, 2
 #: Growing horizons of a fit from scratch (s), and by what they grow from there: impacts and instability are taken in bit by bit.
 HORIZONS, GROWTH = (0.15, 0.4, 0.8), 1.35
 #: A fit that leaves so many times the noise's χ² may only be stuck; one that leaves so many has lost the runs, and only their
@@ -138,7 +138,7 @@ def fit(
     now = _point(problem, structure, theta, states, [part.residual for part in linear])
     for left in reversed(range(iterations)):
         accepted = False
-        for _ in range(8):
+        for attempt in range(8):
             try:
                 step, local, gain = _solve(problem, linear, now.theta, structure, now.states, damping, of_runs)
             except np.linalg.LinAlgError:  # derivatives beyond all bounds: nothing to be had from here
@@ -150,7 +150,7 @@ def fit(
             if gain < enough:
                 converged = True
                 break
-            new, better = _moved(problem, structure, now, step, local, gain, settle)
+            new, better = _moved(problem, structure, now, step, local, gain, settle and attempt < SETTLED)
             good = (now.cost - new.cost) / gain
             ease = 0.1 if good > 0.5 else 0.5 if good > 0.0 else 1.0
             of_runs = np.where(better, np.maximum(ease * of_runs, 1e-9), 10.0 * of_runs)
