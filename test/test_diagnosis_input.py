@@ -65,7 +65,7 @@ def test_a_dead_sensor_is_named():
 
 def test_runs_that_disagree_are_named():
     """A magnet was changed between two runs and the others."""
-    weak = Model.default().with_changes({"eta": 0.70})
+    weak = Model.default().with_changes({"eta": 0.735})
     one, other = simulated([18, 22, 27, 33]), simulated([24], model=weak, seed=5)
     odd = replace(other.runs[0], name="after_the_change")
     found = diagnose(replace(one, runs=(*one.runs, odd)), Model.default())

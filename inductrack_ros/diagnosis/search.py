@@ -105,12 +105,12 @@ class Search:
         key = frozenset(parent.names)
         if key not in self.grown:
             self.grow(parent, QUICK_LATER)
-        for screened, size in self._alike(trial, name):
-            known = self.trials.get(key | {screened.candidate.name})
-            if known is None or known.chi2 > trial.chi2 + MARGIN:
-                for t in self._from_scratch(parent, [screened.candidate]):
-                    self.keep(t)
-                self._exchange(trial, name, screened, size)
+        known = {k: t.chi2 for k, t in self.trials.items()}
+        alike = [(s, size) for s, size in self._alike(trial, name) if not known.get(key | {s.candidate.name}, np.inf) < trial.chi2 + MARGIN]
+        for t in self._from_scratch(parent, [s.candidate for s, _ in alike]) if alike else ():
+            self.keep(t)
+        for s, size in alike:
+            self._exchange(trial, name, s, size)
         found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k and not t.stands_in]
         return sorted(found, key=lambda t: t.chi2)
 
