@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.fit import Fit, chi_square, fit, growing
+from ..estimation.fit import Fit, chi_square, fit, growing, rough_fit
 from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 
@@ -61,23 +61,34 @@ class Start:
     label: str
 
 
-def race(problem: Problem, starts: Sequence[Start], spread: Callable[[Callable, Sequence], list], tell: Callable[[str], None]) -> list[Trial]:
-    """Trials over all of the runs, best first, from ``starts``; ``spread`` maps a task over the workers.
+def race(
+    problem: Problem,
+    starts: Sequence[Start],
+    spread: Callable[[Callable, Sequence], list],
+    tell: Callable[[str], None],
+    first: float = np.inf,
+    against: Trial | None = None,
+) -> list[Trial]:
+    """Trials over all of the runs, best first, from ``starts``, the ``first`` horizon no longer than that (s).
+
+    ``spread`` maps a task over the workers. A trial that is known already, ``against``, runs with them: what it beats is gone.
 
     Where the few that are left lose the runs between one horizon and the next, they are taken there in smaller steps.
     """
 
     def begin(part: Problem, s: Start) -> Trial:
-        return Trial(fit(part, s.structure, None, s.theta, 8, tolerance=1.0, settle=True), s.names, False, s.occam)
+        return Trial(rough_fit(part, s.structure, theta=s.theta), s.names, False, s.occam)
 
     def go_on(part: Problem, t: Trial, settle: bool = True) -> Trial:
-        return replace(t, fit=fit(part, t.fit.structure, t.fit.states, _continued(part, t.fit), 8, tolerance=1.0, settle=settle))
+        return replace(t, fit=rough_fit(part, t.fit.structure, t.fit.states, _continued(part, t.fit), settle))
 
     def refine(t: Trial, iterations: int) -> Trial:
         return replace(t, fit=fit(problem, t.fit.structure, t.fit.states, _continued(problem, t.fit), iterations))
 
     field: list[Trial] = []
     reached, horizons = 0.0, growing(problem)
+    if first < horizons[0]:
+        horizons.insert(0, first)
     while horizons:
         part = problem.within(horizons[0])
         tell(_told(field or starts, horizons[0]))
@@ -94,13 +105,15 @@ def race(problem: Problem, starts: Sequence[Start], spread: Callable[[Callable, 
         field = new
         if not field or field[0].fit.rough:  # none of them alone: longer horizons would only tell the same
             break
-        best = _cost(field[0])
-        field = [t for i, t in enumerate(_near_noise(field)) if i < FEW or _cost(t) < best + BEATEN]
+        best = min(_cost(field[0]), _cost_within(problem, against, horizons[0]))
+        field = [t for i, t in enumerate(_distinct(_near_noise(field))) if _cost(t) < best + BEATEN or not against and i < FEW]
         reached = horizons.pop(0)
     field = _ranked({(t.names, t.fit.model.effects[t.names[-1]].get("variable")): t for t in reversed(field)}.values())[:SEVERAL]
     if field:
         tell(_told(field, np.inf))
     lost = not field or field[0].fit.rough
+    if lost and against and not against.fit.rough:
+        return []
     for count, iterations in ((FEW, 4), (BEST, 10)) if lost else ((SEVERAL, 4), (FEW, 10), (BEST, 30)):
         field = _near_noise(field)
         field[:count] = _ranked(spread(lambda t, most=iterations: refine(t, most), field[:count]))
@@ -118,6 +131,14 @@ def _cost(trial: Trial) -> float:
     return trial.chi2 + trial.occam
 
 
+def _cost_within(problem: Problem, trial: Trial | None, horizon: float) -> float:
+    """What a trial costs over the beginnings of the runs; infinite where there is none."""
+    if trial is None:
+        return np.inf
+    parts = zip(problem.runs, trial.fit.linear, strict=True)
+    return trial.occam + sum(chi_square([part.residual[data.time <= horizon]]) for data, part in parts)
+
+
 def _ranked(trials: Sequence[Trial]) -> list[Trial]:
     return sorted((t for t in trials if np.isfinite(t.chi2)), key=_cost)
 
@@ -125,6 +146,16 @@ def _ranked(trials: Sequence[Trial]) -> list[Trial]:
 def _near_noise(field: Sequence[Trial]) -> list[Trial]:
     """Those near the noise; the first few where none is."""
     return [t for t in field if not t.fit.rough] or list(field[:FEW])
+
+
+def _distinct(field: Sequence[Trial]) -> list[Trial]:
+    """Without those that arrived where a better start of the same effects did."""
+    found: list[Trial] = []
+    for t in field:
+        near = (o for o in found if o.names == t.names and len(o.fit.theta) == len(t.fit.theta) and t.chi2 < o.chi2 + 1.0)
+        if not any((np.abs(t.fit.theta - o.fit.theta) < 0.5 * np.sqrt(np.diag(o.fit.covariance))).all() for o in near):
+            found.append(t)
+    return found
 
 
 def _continued(problem: Problem, f: Fit) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..core.state import COORDINATES
-from ..estimation.fit import fit
+from ..estimation.fit import Fit, fit
 from ..estimation.structure import roughness
 from .gate import Projector
 from .look import Look
@@ -150,10 +150,10 @@ def stand_ins(search: Search, trial: Trial) -> list[Trial]:
     """The trial with a stand-in, for the most promising shapes, refitted in full simulation; best first."""
     rough = trial.fit.rough
     if rough:
-        found = shapes(search.near(trial))
-        known = {(s.coordinate, s.variable) for s in found}
-        found += [s for s in shapes(search.look(trial)) if (s.coordinate, s.variable) not in known]
-        done = search.race([_start(trial, s) for s in found])
+        found: dict[tuple[str, str], Start] = {}
+        for look in [*search.near(trial), search.look(trial)]:
+            found = {(s.coordinate, s.variable): _start(trial, s, look.fit) for s in shapes(look)} | found
+        done = search.race(trial, list(found.values()))
     else:
         done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search.look(trial))) if t is not None]
     done.sort(key=lambda t: penalised(search, t))
@@ -188,13 +188,13 @@ def _relaid(search: Search, trial: Trial) -> Shape:
     return _zoomed(runs, project, residual, best)
 
 
-def _start(trial: Trial, shape: Shape, near: Trial | None = None) -> Start:
-    """A trial with a stand-in, at the first-order shape or at none where that leads astray; the rest as in ``near``, where given."""
+def _start(trial: Trial, shape: Shape, near: Fit) -> Start:
+    """A trial with a stand-in, at the first-order shape or at none where that leads astray; the rest as in ``near``."""
     plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
     structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})
     g = len(trial.fit.theta)
     theta = structure.start.copy()
-    theta[:g] = (near or trial).fit.theta[:g]
+    theta[:g] = near.theta[:g]
     weight = trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
     if not np.abs(shape.values).max() < ABSURD * weight:
         theta[g:] = 0.0
@@ -204,9 +204,9 @@ def _start(trial: Trial, shape: Shape, near: Trial | None = None) -> Start:
 
 def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:
     """The trial with this stand-in, fitted; started from ``near``, an earlier fit of nearly the same, where there is one."""
-    start = _start(trial, shape, near)
-    search.tell(f"{start.label}{' again' if near else ''}")
     source = (near or trial).fit
+    start = _start(trial, shape, source)
+    search.tell(f"{start.label}{' again' if near else ''}")
     structure, theta = start.structure, start.theta
     best = None
     for scale in (1.0, 0.0):  # from the first-order shape, or from nothing

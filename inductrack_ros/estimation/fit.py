@@ -71,6 +71,11 @@ class Fit:
         theta[: len(self.theta)] = self.theta
         return structure, theta
 
+    def narrowed(self, name: str) -> tuple[Structure, np.ndarray]:
+        """The structure without one of its effects (see `Structure.minus`) and what is left of theta."""
+        structure = self.structure.minus(name)
+        return structure, self.theta[[self.structure.free.index(f) for f in structure.free]]
+
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Free parameters that the data say nothing about."""
@@ -287,23 +292,30 @@ def _covariance(structure, linear) -> np.ndarray:
     return np.linalg.pinv(A, rcond=1e-15, hermitian=True) if g else np.zeros((0, 0))
 
 
+def rough_fit(
+    problem: Problem, structure: Structure, states: Sequence[np.ndarray] | None = None, theta: np.ndarray | None = None, settle: bool = True
+) -> Fit:
+    """A fit good enough to go on from, over a longer horizon."""
+    return fit(problem, structure, states, theta, iterations=8, tolerance=1.0, settle=settle)
+
+
 def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit:
     """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability.
 
     Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact makes them jump.
     """
-    near = approach(problem, structure, theta)
+    near = _approach(problem, structure, theta)
     if near and near.hopeless:  # a wrong model; whole runs that are thrown far off would only move its parameters out of the way
         return fit(problem, structure, near.states, near.theta, iterations=4)
     return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)), settle=True)
 
 
-def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
+def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
     """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless; None where the runs are too short for any."""
     given, near, states = theta is not None, None, None
     for k, horizon in enumerate(growing(problem)[:-1]):
         part = problem.within(horizon)
-        step = fit(part, structure, states, theta, iterations=8, tolerance=1.0, settle=True)
+        step = rough_fit(part, structure, states, theta)
         if k == 0 and not given and not step.chi2 < FAR_OFF * part.samples:
             step = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2)
         if np.isfinite(step.chi2):
@@ -313,13 +325,12 @@ def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = 
     return near
 
 
-def growing(problem: Problem) -> list[float]:
-    """The growing horizons (s), the last of them all of the longest run."""
-    longest = max(d.grid[-1] for d in problem.runs)
-    horizons = list(HORIZONS)
-    while horizons[-1] < longest:
+def growing(problem: Problem, first: Sequence[float] = HORIZONS) -> list[float]:
+    """The growing horizons (s), the ``first`` of them as given, the last all of the longest run."""
+    horizons = list(first)
+    while horizons[-1] < problem.length:
         horizons.append(GROWTH * horizons[-1])
-    return [h for h in horizons if h < 0.8 * longest] + [longest]
+    return [h for h in horizons if h < 0.8 * problem.length] + [problem.length]
 
 
 def _far_starts(problem: Problem, structure: Structure) -> list[Fit]:

@@ -172,6 +172,11 @@ class Problem:
         """Number of measured values."""
         return sum(len(r.y) for r in self.runs)
 
+    @property
+    def length(self) -> float:
+        """Time (s) to the last sample of the longest run."""
+        return float(max(d.grid[-1] for d in self.runs))
+
     def within(self, horizon: float) -> Problem:
         """The same problem with only the samples up to ``horizon`` (s) of each run."""
         part = self.subset(range(len(self.runs)))
