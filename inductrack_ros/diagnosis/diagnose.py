@@ -176,13 +176,15 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     def known() -> tuple[Trial, Gate] | None:
         beam = _varied(singles)
         for _ in range(MOST_EFFECTS - 1):
+            reached = max(map(search.reach, beam), default=0.0)
             grown: list[Trial] = []
             for trial in beam:
                 grown = _grown(search, trial, QUICK_LATER, grown)
                 if passing := _passing(search, grown):
                     return passing
             beam = _varied(grown)
-            if not beam:
+            if not beam or beam[0].fit.hopeless and max(map(search.reach, beam)) <= reached:  # not what throws the runs off
+                tried.extend(beam)
                 return None
             beam[0] = _exchanged(search, search.finish(beam[0]))
             tried.append(beam[0])

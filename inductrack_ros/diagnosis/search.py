@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.fit import HORIZONS, ROUGH, Fit, fit, fit_from_scratch, growing, rough_fit
+from ..estimation.fit import ROUGH, Fit, fit, fit_from_scratch, growing, rough_fit
 from ..estimation.problem import Linearisation, Problem
 from ..workers import Cluster, Threads
 from .candidates import Candidate, Screened, switch_columns, visible
@@ -23,8 +23,6 @@ from .race import SEVERAL, Start, Trial, race
 QUICK_FIRST, QUICK_LATER, FULL, BEAM = 24, 12, 4, 2
 #: What a candidate must promise beyond the best to be worth another try.
 MARGIN = 6.6
-#: Beginnings of the runs are looked at from this long (s) up, those below the first of the growing horizons only with so many samples.
-SHORTEST, SAMPLES = 0.04, 100
 #: Effects whose signatures, the nuisance projected out, are as parallel as this are tried in each other's place.
 ALIKE = 0.95
 
@@ -41,6 +39,7 @@ class Search:
         self.looks: dict[tuple, tuple[Trial, Look]] = {}
         self.beginnings: dict[tuple, tuple[Trial, list[Look]]] = {}
         self.sought: dict[tuple, tuple[Trial, None]] = {}
+        self.reduced: dict[tuple, tuple[Trial, None]] = {}
         self.grown: set[frozenset[str]] = set()
 
     def __reduce__(self):
@@ -58,6 +57,10 @@ class Search:
         """
         return self._once(self.beginnings, trial, lambda: self._near(trial))
 
+    def reach(self, trial: Trial) -> float:
+        """How far into the runs (s) a trial gets before it leaves far more than noise."""
+        return self.near(trial)[-1].problem.length
+
     def _once(self, known: dict, trial: Trial, make: Callable, *of: str):
         key = (frozenset(trial.names), *of)
         if key not in known or known[key][0] is not trial:
@@ -67,10 +70,8 @@ class Search:
     def _near(self, trial: Trial) -> list[Look]:
         f, states, theta, looks = trial.fit, None, trial.fit.theta, []
         smooth = None
-        for horizon in growing(self.problem, (SHORTEST,))[:-1] if f.rough else ():
+        for horizon in growing(self.problem)[:-1] if f.rough else ():
             part = self.problem.within(horizon)
-            if horizon < HORIZONS[0] and part.samples < SAMPLES:
-                continue
             over = rough_fit(part, f.structure, states, theta)
             if over.rough:  # far off, perhaps, what whole runs made of it
                 over = min(over, rough_fit(part, f.structure), key=lambda o: o.chi2)
@@ -167,7 +168,7 @@ class Search:
             return
         new = fit(self.problem, structure, new.states, new.theta, settle=True)
         if np.isfinite(new.chi2):
-            self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, trial.occam))
+            self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, trial.freedom))
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the workers."""
@@ -191,7 +192,7 @@ class Search:
             new = fit(self.single, structure, trial.fit.states, theta, 1, tolerance=0.5, reuse=trial.fit.linear, linear=known)
             if best is None or new.chi2 < best.chi2:
                 best = new
-        return Trial(best, (*trial.names, candidate.name), False, trial.occam) if best is not None and np.isfinite(best.chi2) else None
+        return Trial(best, (*trial.names, candidate.name), False, trial.freedom) if best is not None and np.isfinite(best.chi2) else None
 
     def _stuck(self, trial: Trial, screened: Sequence[Screened], field: Sequence[Trial]) -> list[Candidate]:
         """Candidates to be started from scratch: where nothing comes near the noise those that promise most, of the beginnings
@@ -210,10 +211,9 @@ class Search:
             found[name] = replace(known, starts=(*known.starts, *(x for x in s.candidate.starts if x not in known.starts))) if known else s.candidate
         return list(found.values())
 
-    def race(self, trial: Trial, starts: Sequence[Start], against: Trial | None = None) -> list[Trial]:
-        """Refits from scratch of what is to be beside a trial's effects (`race.race`), spread over the workers."""
-        first = min(look.problem.length for look in self.near(trial))
-        return race(self.problem if len(starts) == 1 else self.single, starts, self.map, self.tell, first, against)
+    def race(self, starts: Sequence[Start], against: Trial | None = None) -> list[Trial]:
+        """Refits from scratch (`race.race`), spread over the workers."""
+        return race(self.problem if len(starts) == 1 else self.single, starts, self.map, self.tell, against)
 
     def _from_scratch(self, trial: Trial, candidates: Sequence[Candidate], against: Trial | None = None) -> list[Trial]:
         """The trial with one more effect, fitted over growing horizons from each start; best first."""
@@ -221,9 +221,9 @@ class Search:
 
         def start(name: str, values: Mapping[str, float]) -> Start:
             names = (*trial.names, name)
-            return Start(names, *near.widened(name, values), trial.occam, " + ".join(names))
+            return Start(names, *near.widened(name, values), trial.freedom, " + ".join(names))
 
-        return self.race(trial, [start(c.name, values) for c in candidates for values in c.starts], against)
+        return self.race([start(c.name, values) for c in candidates for values in c.starts], against)
 
     def _settled(self, f: Fit) -> Fit:
         """A refit of all runs to convergence with all derivatives fresh, from where a fit stands or, where that is stuck, from scratch."""
@@ -236,28 +236,28 @@ class Search:
         """More steps of a quick refit."""
         f = trial.fit
         new = fit(self.single, f.structure, f.states, f.theta, iterations, tolerance=0.1, reuse=f.linear)
-        return Trial(new, trial.names, False, trial.occam)
+        return Trial(new, trial.names, False, trial.freedom)
 
     def finish(self, trial: Trial) -> Trial:
         """A trial refitted to convergence with all derivatives fresh."""
         if trial.full:
             return trial
-        done = Trial(self._settled(trial.fit), trial.names, True, trial.occam)
+        done = Trial(self._settled(trial.fit), trial.names, True, trial.freedom)
         self.keep(done)
         return self.trials[frozenset(trial.names)]
 
     def without(self, trial: Trial, name: str) -> Trial:
         """The trial refitted with one effect taken out."""
-        names = tuple(n for n in trial.names if n != name)
-        key = frozenset(names)
-        if key in self.trials and self.trials[key].full:
-            return self.trials[key]
-        structure, theta = trial.fit.narrowed(name)
-        before, after = (sum(n.startswith("stand_in") for n in some) for some in (trial.names, names))
-        occam = trial.occam * after / before if before else 0.0
-        new = Trial(self._settled(replace(trial.fit, structure=structure, theta=theta)), names, True, occam)
-        self.keep(new)
+        key = frozenset(trial.names) - {name}
+        if key not in self.trials or not self.trials[key].full or trial.stands_in:  # whose shape may be another by now
+            self._once(self.reduced, trial, lambda: self._take_out(trial, name), name)
         return self.trials[key]
+
+    def _take_out(self, trial: Trial, name: str) -> None:
+        names = tuple(n for n in trial.names if n != name)
+        structure, theta = trial.fit.narrowed(name)
+        new = Trial(self._settled(replace(trial.fit, structure=structure, theta=theta)), names, True, {n: price for n, price in trial.freedom.items() if n != name})
+        self.keep(new)
 
     def part(self, trial: Trial, names: Sequence[str]) -> Trial:
         """The trial with only these of its effects, fitted."""

@@ -26,12 +26,13 @@ COARSE = 1e-4
 LOOSE, IDLE = 1e-3, 2
 #: Steps of each run by itself after a joint step that fell short of its promise; after how many such steps, one damped more than the other.
 SETTLE, SETTLED = 4, 2
-#: Growing horizons of a fit from scratch (s), and by what they grow from there: impacts and instability are taken in bit by bit.
-HORIZONS, GROWTH = (0.15, 0.4, 0.8), 1.35
+#: First of the growing horizons of a fit from scratch (s) and by what they grow: impacts and instability are taken in bit by bit. Those
+#: shorter than ``ENOUGH`` need so many samples; steps that lose the runs are halved down to ``LEAST``.
+SHORTEST, GROWTH, ENOUGH, SAMPLES, LEAST = 0.04, 1.35, 0.15, 100, 0.02
 #: A fit that leaves so many times the noise's χ² may only be stuck; one that leaves so many has lost the runs, and only their
 #: beginnings still tell anything.
 ROUGH, HOPELESS = 1.5, 100.0
-#: Where even the first horizon misses by this many times the noise's χ², each free parameter is also started at these multiples.
+#: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these multiples.
 FAR_OFF, MULTIPLES = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0)
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
@@ -312,24 +313,30 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
 
 def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
     """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless; None where the runs are too short for any."""
-    given, near, states = theta is not None, None, None
-    for k, horizon in enumerate(growing(problem)[:-1]):
-        part = problem.within(horizon)
+    near, states, far = None, None, theta is None
+    reached, horizons = 0.0, growing(problem)[:-1]
+    while horizons:
+        part = problem.within(horizons[0])
         step = rough_fit(part, structure, states, theta)
-        if k == 0 and not given and not step.chi2 < FAR_OFF * part.samples:
-            step = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2)
+        if far and not step.chi2 < FAR_OFF * part.samples:
+            step, far = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2), False
+        if step.rough and near and not near.rough and horizons[0] - reached > LEAST:
+            horizons.insert(0, 0.5 * (reached + horizons[0]))
+            continue
         if np.isfinite(step.chi2):
             near, states, theta = step, step.states, step.theta
         if step.hopeless:
             break
+        reached = horizons.pop(0)
     return near
 
 
-def growing(problem: Problem, first: Sequence[float] = HORIZONS) -> list[float]:
-    """The growing horizons (s), the ``first`` of them as given, the last all of the longest run."""
-    horizons = list(first)
+def growing(problem: Problem) -> list[float]:
+    """The growing horizons (s), the last of them all of the longest run."""
+    horizons = [SHORTEST]
     while horizons[-1] < problem.length:
         horizons.append(GROWTH * horizons[-1])
+    horizons = [h for h in horizons if h >= ENOUGH or problem.within(h).samples >= SAMPLES]
     return [h for h in horizons if h < 0.8 * problem.length] + [problem.length]
 
 
