@@ -18,8 +18,6 @@ from .signatures import RunResponse
 
 #: A candidate whose fall in χ² is this improbable by chance, all tries of the family counted, is significant.
 LEVEL = 0.01
-#: Waviness is sought at wavelengths from this many metres up.
-SHORTEST_WAVE = 0.1
 #: How many of the best wavelengths are tried in full.
 WAVE_STARTS = 3
 
@@ -144,7 +142,8 @@ def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], 
     speeds = np.concatenate([r.variables["surge_rate"] for r in responses])
     fastest = max(float(np.nanmax(speeds)), 1e-3)
     spacing = max(float(np.median(np.diff(r.data.grid))) for r in responses)
-    shortest = max(SHORTEST_WAVE, 2.5 * fastest * spacing)
+    declared = fit.structure.model.known_effects["guideway_waviness"].parameters["wavelength"]
+    shortest = max(declared.fit_from, 2.5 * fastest * spacing)
     inverse = np.arange(1, max(2, int(reach / shortest * 1.5)) + 1) / (1.5 * reach)
     tried = []
     for chunk in np.array_split(inverse, max(1, len(inverse) // 60)):

@@ -229,7 +229,7 @@ class Search:
         """A refit of all runs to convergence with all derivatives fresh, from where a fit stands or, where that is stuck, from scratch."""
         new = fit(self.problem, f.structure, f.states, f.theta, iterations=15)
         if new.rough:
-            new = min(new, fit_from_scratch(self.problem, f.structure, f.theta), key=lambda f: f.chi2)
+            new = min(new, fit_from_scratch(self.problem, f.structure, f.theta, thorough=False), key=lambda f: f.chi2)
         return new
 
     def _further(self, trial: Trial, iterations: int) -> Trial:

@@ -300,19 +300,23 @@ def rough_fit(
     return fit(problem, structure, states, theta, iterations=8, tolerance=1.0, settle=settle)
 
 
-def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit:
+def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray | None = None, thorough: bool = True) -> Fit:
     """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability.
 
     Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact makes them jump.
+    Unless it is to be ``thorough`` it does not care for more than a rough fit once the runs are lost, for then the model is wrong.
     """
-    near = _approach(problem, structure, theta)
+    near = _approach(problem, structure, theta, thorough)
+    if near and near.rough and not thorough:
+        return fit(problem, structure, near.states, near.theta, iterations=8)
     if near and near.hopeless:  # a wrong model; whole runs that are thrown far off would only move its parameters out of the way
         return fit(problem, structure, near.states, near.theta, iterations=4)
     return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)), settle=True)
 
 
-def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
-    """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless; None where the runs are too short for any."""
+def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, thorough: bool) -> Fit | None:
+    """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless, or only rough if it need not be
+    ``thorough``; None where the runs are too short for any."""
     near, states, far = None, None, theta is None
     reached, horizons = 0.0, growing(problem)[:-1]
     while horizons:
@@ -325,7 +329,7 @@ def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None =
             continue
         if np.isfinite(step.chi2):
             near, states, theta = step, step.states, step.theta
-        if step.hopeless:
+        if step.hopeless or step.rough and not thorough:
             break
         reached = horizons.pop(0)
     return near
