@@ -89,7 +89,7 @@ class Parameter:
             return 0.0, self.to_fit(max(self.low, 1e-12))
         if self.fit_as == "x^2":
             return 0.0, self.high**2
-        return self.low, self.high
+        return max(self.low, self.fit_from), self.high
 
 
 _PAPER = "Kim and Ge (2012), Table 1"
