@@ -129,7 +129,7 @@ def race(
         best = min(field[0].cost, _cost_within(problem, against, horizons[0]))
         field = [t for i, t in enumerate(_distinct(_near_noise(field))) if t.cost < best + BEATEN or not against and i < FEW]
         reached = horizons.pop(0)
-    field = _ranked({(t.names, t.fit.model.effects[t.names[-1]].get("variable")): t for t in reversed(field)}.values())[:SEVERAL]
+    field = _ranked({_kind(t): t for t in reversed(field)}.values())[:SEVERAL]
     if field:
         tell(_told(field, np.inf))
     if not field or field[0].fit.rough:  # lost; for more than what a next effect would promise beside them nobody needs it
@@ -165,11 +165,16 @@ def _near_noise(field: Sequence[Trial]) -> list[Trial]:
     return [t for t in field if not t.fit.rough] or list(field[:FEW])
 
 
+def _kind(trial: Trial) -> tuple:
+    """What a trial tries: its effects, and what the last of them depends on where it is a stand-in."""
+    return trial.names, trial.fit.model.effects[trial.names[-1]].get("variable")
+
+
 def _distinct(field: Sequence[Trial]) -> list[Trial]:
     """Without those that arrived where a better start of the same effects did."""
     found: list[Trial] = []
     for t in field:
-        near = (o for o in found if o.names == t.names and len(o.fit.theta) == len(t.fit.theta) and t.chi2 < o.chi2 + SAME)
+        near = (o for o in found if _kind(o) == _kind(t) and len(o.fit.theta) == len(t.fit.theta) and t.chi2 < o.chi2 + SAME)
         if not any((np.abs(t.fit.theta - o.fit.theta) < np.sqrt(np.diag(o.fit.covariance))).all() for o in near):
             found.append(t)
     return found
