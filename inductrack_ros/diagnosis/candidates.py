@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from ..core import kernel as kernels
+from ..core.effects import catalogue
 from ..core.state import INDEX
 from ..estimation.fit import Fit
 from ..estimation.problem import Linearisation, Problem
@@ -18,6 +19,8 @@ from .signatures import RunResponse
 
 #: A candidate whose fall in χ² is this improbable by chance, all tries of the family counted, is significant.
 LEVEL = 0.01
+#: Waviness is sought at wavelengths from this many metres up.
+SHORTEST_WAVE = catalogue()["guideway_waviness"].parameters["wavelength"].fit_from
 #: How many of the best wavelengths are tried in full.
 WAVE_STARTS = 3
 
@@ -142,8 +145,7 @@ def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], 
     speeds = np.concatenate([r.variables["surge_rate"] for r in responses])
     fastest = max(float(np.nanmax(speeds)), 1e-3)
     spacing = max(float(np.median(np.diff(r.data.grid))) for r in responses)
-    declared = fit.structure.model.known_effects["guideway_waviness"].parameters["wavelength"]
-    shortest = max(declared.fit_from, 2.5 * fastest * spacing)
+    shortest = max(SHORTEST_WAVE, 2.5 * fastest * spacing)
     inverse = np.arange(1, max(2, int(reach / shortest * 1.5)) + 1) / (1.5 * reach)
     tried = []
     for chunk in np.array_split(inverse, max(1, len(inverse) // 60)):
