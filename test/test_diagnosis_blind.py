@@ -4,6 +4,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from independent import campaigns
+
+from inductrack_ros.core.model import Model
+from inductrack_ros.data.campaign import load_campaign
+from inductrack_ros.diagnosis.diagnose import base_fit
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -37,3 +42,20 @@ def test_a_force_that_makes_the_cradle_unstable():
     row = run(9015, None)
     assert row["right"], row
     assert row["found_unknown"] == ["roll", ["sway"]]
+
+
+def test_a_force_of_the_speed_that_looks_straight_at_first():
+    """Over the first tenth of a second its curve does not show, nor do all the speeds that the runs will reach."""
+    row = run(14028, None)
+    assert row["right"], row
+    assert row["found_unknown"] == ["sway", ["surge_rate"]]
+
+
+def test_impacts_in_the_first_moments_of_runs_with_accelerometers(tmp_path):
+    """A complete model is found again, and the jump of an accelerometer at an impact does not pass for knowledge."""
+    truth = campaigns.write_campaign(tmp_path / "rig", 8285, kind="nothing")
+    assert min(t for t in truth["first_contacts"] if t) < 0.15 and "heave_acceleration" in truth["plan"]["channels"]
+    _, fit, _ = base_fit(load_campaign(tmp_path / "rig"), Model.default())
+    assert fit.reduced_chi2 < 1.05
+    for name, value in fit.values.items():
+        assert abs(value - truth["parameters"][name]) < 4 * fit.deviations[name]

@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from test_diagnosis_input import simulated
 
+from inductrack_ros.core.effects.stand_in import basis
 from inductrack_ros.core.model import Model
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.diagnosis.signatures import VARIABLES
+from inductrack_ros.diagnosis.smooth import covering, smoothest
+from inductrack_ros.estimation.fit import fit
 
 
 @pytest.fixture(scope="module")
@@ -33,3 +37,33 @@ def test_a_shortened_problem_is_the_beginning_of_the_whole(problem_and_fit):
     short, whole = (p.residuals(fit.structure, fit.theta, fit.states) for p in (part, problem))
     for a, b, data in zip(short, whole, problem.runs, strict=True):
         assert np.array_equal(a, b[data.time <= 0.25])
+
+
+def test_a_table_is_as_smooth_as_the_data_say():
+    """A straight law is given next to no freedom, a narrow peak what it needs; either is found within its noise."""
+    rng = np.random.default_rng(0)
+    u = rng.uniform(0, 31, 4000)
+    columns = basis(u, 0.0, 1.0, 32)
+    straight, peak = 0.2 * u, 5 * np.exp(-(((u - 12) / 1.5) ** 2))
+    found = [smoothest(columns, law + rng.standard_normal(u.size)) for law in (straight, peak)]
+    inner = (u > 2) & (u < 29)
+    for law, table in zip((straight, peak), found, strict=True):
+        assert np.abs(columns @ table.values - law)[inner].max() < 0.5
+    assert found[0].weight > 1e3 * found[1].weight
+    assert 0 < found[0].occam < found[1].occam
+
+
+def test_a_table_is_laid_anew_where_runs_go_beyond_it(problem_and_fit):
+    problem, base = problem_and_fit
+    variable = VARIABLES.index("surge_rate")
+    values = tuple(0.1 * np.arange(33.0))  # a straight law of 0.4 N per m/s, but for the last of the splines
+    table = {"variable": float(variable), "start": 20.0, "step": 0.25, "knots": 33.0, "values": values}
+    structure, theta = base.widened("stand_in_sway", table, [f"values[{i}]" for i in range(33)])
+    short = fit(problem, structure, base.states, theta, iterations=0)
+    wide, longer = covering(problem, short, "stand_in_sway")
+    laid = wide.with_theta(longer).effects["stand_in_sway"]
+    speeds = np.linspace(18.5, 33, 50)
+    force = basis(speeds, laid["start"], laid["step"], 33) @ np.array(laid["values"])[:33]
+    assert force == pytest.approx(0.4 * (speeds - 20.0), abs=0.1)
+    again = fit(problem, wide, base.states, longer, iterations=0)
+    assert covering(problem, again, "stand_in_sway")[0] is wide

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import re
 import shutil
 import subprocess
@@ -36,9 +35,7 @@ def library(*options: str) -> ctypes.CDLL:
     }  # fmt: skip
     target = BUILD / f"limit{'_'.join(o.strip('-').replace('=', '_') for o in ('', *options))}.so"
     defines = [f"-D{name}={value!r}" for name, value in sizes.items()]
-    part = target.with_suffix(f".{os.getpid()}")  # another process may be loading it
-    subprocess.run([compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", part, SOURCE, "-lmvec", "-lm"], check=True)
-    part.replace(target)
+    subprocess.run([compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", target, SOURCE, "-lmvec", "-lm"], check=True)
     return ctypes.CDLL(str(target))
 
 

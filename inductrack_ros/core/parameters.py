@@ -29,7 +29,7 @@ class Parameter:
 
     ``default`` is what a model uses unless told otherwise; for an effect it is the value at which the effect vanishes,
     where there is one. ``typical`` is a size at which an effect would matter on a rig like the paper's: fits start
-    there and take their steps from it. ``fit_as`` names the coordinate of the fit (see ``to_fit``). A ``count`` above one
+    there and take their steps from it. ``fit_as`` names the coordinate of the fit (see ``to_fit``) and ``fit_from`` the least value that a fit tries. A ``count`` above one
     makes it a table of up to so many numbers; the effect's function gets an array, filled up with zeros.
     """
 
@@ -43,6 +43,7 @@ class Parameter:
     starts: tuple[float, ...] = ()
     fit_as: str = "x"
     count: int = 1
+    fit_from: float = -math.inf
 
     def check(self, name: str, value: object, where: str = "") -> float | tuple[float, ...]:
         """Return ``value`` as a float (a table as a tuple), or raise `InputError` naming the parameter and its range."""
@@ -88,7 +89,7 @@ class Parameter:
             return 0.0, self.to_fit(max(self.low, 1e-12))
         if self.fit_as == "x^2":
             return 0.0, self.high**2
-        return self.low, self.high
+        return max(self.low, self.fit_from), self.high
 
 
 _PAPER = "Kim and Ge (2012), Table 1"

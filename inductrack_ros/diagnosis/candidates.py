@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from ..core import kernel as kernels
+from ..core.effects import catalogue
 from ..core.state import INDEX
 from ..estimation.fit import Fit
 from ..estimation.problem import Linearisation, Problem
@@ -19,7 +20,7 @@ from .signatures import RunResponse
 #: A candidate whose fall in χ² is this improbable by chance, all tries of the family counted, is significant.
 LEVEL = 0.01
 #: Waviness is sought at wavelengths from this many metres up.
-SHORTEST_WAVE = 0.1
+SHORTEST_WAVE = catalogue()["guideway_waviness"].parameters["wavelength"].fit_from
 #: How many of the best wavelengths are tried in full.
 WAVE_STARTS = 3
 

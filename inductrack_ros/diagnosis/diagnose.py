@@ -176,13 +176,15 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     def known() -> tuple[Trial, Gate] | None:
         beam = _varied(singles)
         for _ in range(MOST_EFFECTS - 1):
+            reached = max(map(search.reach, beam), default=0.0)
             grown: list[Trial] = []
             for trial in beam:
                 grown = _grown(search, trial, QUICK_LATER, grown)
                 if passing := _passing(search, grown):
                     return passing
             beam = _varied(grown)
-            if not beam:
+            if not beam or beam[0].fit.hopeless and max(map(search.reach, beam)) <= reached:  # not what throws the runs off
+                tried.extend(beam)
                 return None
             beam[0] = _exchanged(search, search.finish(beam[0]))
             tried.append(beam[0])
@@ -250,7 +252,7 @@ def _passing(search: Search, ranked: list[Trial]) -> tuple[Trial, Gate] | None:
 
 def _points_to_known(search: Search, trial: Trial) -> bool:
     """Whether what is left looks, to first order, more like a known effect than like a force of some other law."""
-    look = search.near(trial)
+    look = search.near(trial)[0]
     known = max((s.promise for s in look.screened), default=0.0)
     price = np.log(look.fit.samples)
     force = max((t.statistic - t.dof * price for t in look.gate.tests if t.name.startswith("force in ")), default=0.0)
@@ -259,7 +261,7 @@ def _points_to_known(search: Search, trial: Trial) -> bool:
 
 def _two_explain(search: Search, trial: Trial) -> bool:
     """Whether two candidates together promise nearly all of the misfit: drag and a slope, say, are one force of the speed too."""
-    look = search.near(trial)
+    look = search.near(trial)[0]
     project = look.project
     signatures = [c for s in look.screened if (c := visible(project, s.columns)).shape[1]]
     wanted = NEARLY_ALL * (look.fit.chi2 - look.fit.samples)

@@ -6,21 +6,24 @@ runs, with their impacts and their instability, are simulated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..estimation.fit import Fit, chi_square, fit, growing
+from ..estimation.fit import LEAST, Fit, chi_square, fit, growing, rough_fit
 from ..estimation.problem import Problem
 from ..estimation.structure import Structure
+from .smooth import covering, smoothed
 
 #: Of a field in which none comes near the noise so many go on, of the others more; so many are refitted to convergence.
 FEW, SEVERAL, BEST = 4, 8, 2
 #: What another beats by so much in χ² over a horizon is not what is sought.
 BEATEN = 25.0
-#: Horizons are never closer than this (s).
-LEAST = 0.06
+#: Rough fits of the same effects this close in χ², and within a standard deviation in all parameters, are one.
+SAME = 10.0
+#: A weight of roughness by so much another is worth a refit.
+OTHER = 5.0
 #: Entries of a table that the data tell less than this part of the best known one about are not seen.
 SEEN = 1e-3
 
@@ -32,7 +35,7 @@ class Trial:
     fit: Fit
     names: tuple[str, ...]
     full: bool
-    occam: float = 0.0  # what its stand-ins' freedom costs
+    freedom: Mapping[str, float] = field(default_factory=dict)  # what that of each of its stand-ins costs in χ²
 
     @property
     def label(self) -> str:
@@ -45,6 +48,11 @@ class Trial:
         return self.fit.chi2
 
     @property
+    def cost(self) -> float:
+        """χ² and what the stand-ins' freedom costs."""
+        return self.chi2 + sum(self.freedom.values())
+
+    @property
     def stands_in(self) -> bool:
         """Whether a force of any shape is among its effects."""
         return any(n.startswith("stand_in") for n in self.names)
@@ -52,56 +60,82 @@ class Trial:
 
 @dataclass(frozen=True)
 class Start:
-    """Where a refit begins: the effects, structure and theta, the price of a stand-in's freedom, and a name for people."""
+    """Where a refit begins: the effects, structure and theta, the price of the stand-ins' freedom, and a name for people."""
 
     names: tuple[str, ...]
     structure: Structure
     theta: np.ndarray
-    occam: float
+    freedom: Mapping[str, float]
     label: str
 
 
-def race(problem: Problem, starts: Sequence[Start], spread: Callable[[Callable, Sequence], list], tell: Callable[[str], None]) -> list[Trial]:
-    """Trials over all of the runs, best first, from ``starts``; ``spread`` maps a task over the workers.
+def race(
+    problem: Problem,
+    starts: Sequence[Start],
+    spread: Callable[[Callable, Sequence], list],
+    tell: Callable[[str], None],
+    against: Trial | None = None,
+) -> list[Trial]:
+    """Trials over all of the runs, best first, from ``starts``.
 
-    Where the few that are left lose the runs between one horizon and the next, they are taken there in smaller steps.
+    ``spread`` maps a task over the workers. A trial that is known already, ``against``, runs with them: what it beats is gone.
+
+    Where the first of the few that are left loses the runs between one horizon and the next, they are taken there in smaller steps.
     """
 
     def begin(part: Problem, s: Start) -> Trial:
-        return Trial(fit(part, s.structure, None, s.theta, 8, tolerance=1.0, settle=True), s.names, False, s.occam)
+        return smooth(part, Trial(rough_fit(part, s.structure, theta=s.theta), s.names, False, s.freedom), True)
 
     def go_on(part: Problem, t: Trial, settle: bool = True) -> Trial:
-        return replace(t, fit=fit(part, t.fit.structure, t.fit.states, _continued(part, t.fit), 8, tolerance=1.0, settle=settle))
+        if t.names[-1] in t.fit.structure.smoothness:
+            structure, theta = covering(part, t.fit, t.names[-1])
+            t = replace(t, fit=replace(t.fit, structure=structure, theta=theta))
+        return smooth(part, replace(t, fit=rough_fit(part, t.fit.structure, t.fit.states, _continued(part, t.fit), settle)), settle)
+
+    def smooth(part: Problem, t: Trial, settle: bool) -> Trial:
+        """Its table as smooth as this much of the runs says: the beginnings tell less of a force's shape than all."""
+        name = t.names[-1]
+        if name not in t.fit.structure.smoothness or t.fit.hopeless:
+            return t
+        structure, price = smoothed(part, t.fit, name)
+        t = replace(t, freedom={**t.freedom, name: price})
+        if 1 / OTHER < structure.smoothness[name] / t.fit.structure.smoothness[name] < OTHER:
+            return t
+        return replace(t, fit=rough_fit(part, structure, t.fit.states, t.fit.theta, settle))
 
     def refine(t: Trial, iterations: int) -> Trial:
         return replace(t, fit=fit(problem, t.fit.structure, t.fit.states, _continued(problem, t.fit), iterations))
 
     field: list[Trial] = []
-    reached, horizons = 0.0, growing(problem)
+    reached, horizons = 0.0, growing(problem) if starts else []
     while horizons:
         part = problem.within(horizons[0])
         tell(_told(field or starts, horizons[0]))
         settle = len(horizons) > 1 or len(field) <= FEW  # over whole runs it costs most
         if reached:
-            new = _ranked(spread(lambda t, part=part, settle=settle: go_on(part, t, settle), field))
+            arrived = spread(lambda t, part=part, settle=settle: go_on(part, t, settle), field)
         else:
-            new = _ranked(spread(lambda s, part=part: begin(part, s), starts))
+            arrived = spread(lambda s, part=part: begin(part, s), starts)
+        new = _ranked(arrived)
+        first_lost = not new or new[0].fit.rough or not arrived[0].cost < new[0].cost + BEATEN
+        if reached and first_lost and len(field) <= FEW and horizons[0] - reached > LEAST:
+            horizons.insert(0, 0.5 * (reached + horizons[0]))
+            continue
         if new and new[0].fit.rough:
-            if field and len(field) <= FEW and horizons[0] - reached > LEAST:
-                horizons.insert(0, 0.5 * (reached + horizons[0]))
-                continue
             new = _ranked(spread(lambda t, part=part: go_on(part, t), new[:FEW]))
         field = new
         if not field or field[0].fit.rough:  # none of them alone: longer horizons would only tell the same
             break
-        best = _cost(field[0])
-        field = [t for i, t in enumerate(_near_noise(field)) if i < FEW or _cost(t) < best + BEATEN]
+        best = min(field[0].cost, _cost_within(problem, against, horizons[0]))
+        field = [t for i, t in enumerate(_distinct(_near_noise(field))) if t.cost < best + BEATEN or not against and i < FEW]
         reached = horizons.pop(0)
-    field = _ranked({(t.names, t.fit.model.effects[t.names[-1]].get("variable")): t for t in reversed(field)}.values())[:SEVERAL]
+    field = _ranked({_kind(t): t for t in reversed(field)}.values())[:SEVERAL]
     if field:
         tell(_told(field, np.inf))
-    lost = not field or field[0].fit.rough
-    for count, iterations in ((FEW, 4), (BEST, 10)) if lost else ((SEVERAL, 4), (FEW, 10), (BEST, 30)):
+    if not field or field[0].fit.rough:  # lost; for more than what a next effect would promise beside them nobody needs it
+        known_better = against and not against.fit.rough
+        return [] if known_better else [replace(t, full=True) for t in _ranked(spread(lambda t: refine(t, 4), field[:BEST]))]
+    for count, iterations in (SEVERAL, 4), (FEW, 10), (BEST, 30):
         field = _near_noise(field)
         field[:count] = _ranked(spread(lambda t, most=iterations: refine(t, most), field[:count]))
     return [replace(t, full=k < BEST) for k, t in enumerate(field)]
@@ -114,17 +148,36 @@ def _told(field: Sequence[Trial | Start], horizon: float) -> str:
     return f"{', '.join(labels[:3])}{more} over {f'{horizon:.2g} s' if np.isfinite(horizon) else 'all'} of each run"
 
 
-def _cost(trial: Trial) -> float:
-    return trial.chi2 + trial.occam
+def _cost_within(problem: Problem, trial: Trial | None, horizon: float) -> float:
+    """What a trial costs over the beginnings of the runs; infinite where there is none."""
+    if trial is None:
+        return np.inf
+    parts = zip(problem.runs, trial.fit.linear, strict=True)
+    return sum(trial.freedom.values()) + sum(chi_square([part.residual[data.time <= horizon]]) for data, part in parts)
 
 
 def _ranked(trials: Sequence[Trial]) -> list[Trial]:
-    return sorted((t for t in trials if np.isfinite(t.chi2)), key=_cost)
+    return sorted((t for t in trials if np.isfinite(t.chi2)), key=lambda t: t.cost)
 
 
 def _near_noise(field: Sequence[Trial]) -> list[Trial]:
     """Those near the noise; the first few where none is."""
     return [t for t in field if not t.fit.rough] or list(field[:FEW])
+
+
+def _kind(trial: Trial) -> tuple:
+    """What a trial tries: its effects, and what the last of them depends on where it is a stand-in."""
+    return trial.names, trial.fit.model.effects[trial.names[-1]].get("variable")
+
+
+def _distinct(field: Sequence[Trial]) -> list[Trial]:
+    """Without those that arrived where a better start of the same effects did."""
+    found: list[Trial] = []
+    for t in field:
+        near = (o for o in found if _kind(o) == _kind(t) and len(o.fit.theta) == len(t.fit.theta) and t.chi2 < o.chi2 + SAME)
+        if not any((np.abs(t.fit.theta - o.fit.theta) < np.sqrt(np.diag(o.fit.covariance))).all() for o in near):
+            found.append(t)
+    return found
 
 
 def _continued(problem: Problem, f: Fit) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.fit import ROUGH, Fit, fit, fit_from_scratch, growing
+from ..estimation.fit import ROUGH, Fit, fit, fit_from_scratch, growing, rough_fit
 from ..estimation.problem import Linearisation, Problem
 from ..workers import Cluster, Threads
 from .candidates import Candidate, Screened, switch_columns, visible
@@ -36,8 +36,10 @@ class Search:
         self.single = problem.subset(range(len(problem.runs)))
         self.single.threads = 1  # candidates are spread over the threads instead of runs
         self.trials: dict[frozenset[str], Trial] = {frozenset(base.structure.effects): Trial(base, base.structure.effects, True)}
-        self.looks: dict[frozenset[str], tuple[Trial, Look]] = {}
-        self.nears: dict[frozenset[str], tuple[Trial, Look]] = {}
+        self.looks: dict[tuple, tuple[Trial, Look]] = {}
+        self.beginnings: dict[tuple, tuple[Trial, list[Look]]] = {}
+        self.sought: dict[tuple, tuple[Trial, None]] = {}
+        self.reduced: dict[tuple, tuple[Trial, None]] = {}
         self.grown: set[frozenset[str]] = set()
 
     def __reduce__(self):
@@ -45,30 +47,41 @@ class Search:
 
     def look(self, trial: Trial) -> Look:
         """What a trial leaves."""
-        key = frozenset(trial.names)
-        if key not in self.looks or self.looks[key][0] is not trial:
-            self.looks[key] = trial, Look.at(self.problem, trial.fit)
-        return self.looks[key][1]
+        return self._once(self.looks, trial, lambda: Look.at(self.problem, trial.fit))
 
-    def near(self, trial: Trial) -> Look:
-        """What a trial leaves over the shortest of the growing horizons where that is far more than noise.
+    def near(self, trial: Trial) -> list[Look]:
+        """What a trial that leaves far more than noise leaves over the beginnings of the runs, the most telling first.
 
-        There the runs have not yet been thrown off what they would do with the missing effect, and first order still holds.
+        The longest over which it leaves a little more than noise, for there the runs have not yet been thrown off what they would do
+        with the missing effect and first order holds, and the next, over which it leaves far more.
         """
-        key = frozenset(trial.names)
-        if key not in self.nears or self.nears[key][0] is not trial:
-            self.nears[key] = trial, self._near(trial)
-        return self.nears[key][1]
+        return self._once(self.beginnings, trial, lambda: self._near(trial))
 
-    def _near(self, trial: Trial) -> Look:
-        f, states, theta = trial.fit, None, trial.fit.theta
+    def reach(self, trial: Trial) -> float:
+        """How far into the runs (s) a trial gets before it leaves far more than noise."""
+        return self.near(trial)[-1].problem.length
+
+    def _once(self, known: dict, trial: Trial, make: Callable, *of: str):
+        key = (frozenset(trial.names), *of)
+        if key not in known or known[key][0] is not trial:
+            known[key] = trial, make()
+        return known[key][1]
+
+    def _near(self, trial: Trial) -> list[Look]:
+        f, states, theta, looks = trial.fit, None, trial.fit.theta, []
+        smooth = None
         for horizon in growing(self.problem)[:-1] if f.rough else ():
             part = self.problem.within(horizon)
-            over = fit(part, f.structure, states, theta, 8, tolerance=1.0, settle=True)
-            if np.isfinite(over.chi2) and over.rough:
-                return Look.at(part, over)
-            states, theta = over.states, over.theta
-        return self.look(trial)
+            over = rough_fit(part, f.structure, states, theta)
+            if over.rough:  # far off, perhaps, what whole runs made of it
+                over = min(over, rough_fit(part, f.structure), key=lambda o: o.chi2)
+            if over.rough:
+                looks = [Look.at(part, over)] if np.isfinite(over.chi2) else []
+                break
+            smooth, states, theta = (part, over), over.states, over.theta
+        if smooth and not (look := Look.at(*smooth)).gate.adequate:
+            looks.insert(0, look)
+        return looks or [self.look(trial)]
 
     def screened(self, trial: Trial) -> list[Screened]:
         """Candidates' standing at a trial's fit."""
@@ -78,9 +91,10 @@ class Search:
         """Whether a trial leaves nothing but noise."""
         return self.look(trial).gate
 
-    def grow(self, trial: Trial, limit: int) -> list[Trial]:
+    def grow(self, trial: Trial, limit: int, against: Trial | None = None) -> list[Trial]:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them refitted.
 
+        Only what comes near a trial that is known already is wanted where there is one ``against`` them.
         The field narrows: one step for all, a few more for `SEVERAL`, convergence for `FULL`. Those that could still
         win, by what they promise to first order, but whose refit is stuck far from it, start from scratch.
         """
@@ -91,7 +105,7 @@ class Search:
             field.sort(key=lambda t: t.chi2)
             field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
             field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
-        field += self._from_scratch(trial, self._stuck(trial, screened, field))
+        field += self._from_scratch(trial, self._stuck(trial, screened, field), against)
         field.sort(key=lambda t: t.chi2)
         for t in field:
             self.keep(t)
@@ -103,16 +117,20 @@ class Search:
         """Trials with another effect in the place of one of a trial's, best first."""
         parent = self.without(trial, name)
         key = frozenset(parent.names)
+        self._once(self.sought, trial, lambda: self._seek_rivals(trial, name, parent), name)
+        found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k and not t.stands_in]
+        return sorted(found, key=lambda t: t.chi2)
+
+    def _seek_rivals(self, trial: Trial, name: str, parent: Trial) -> None:
+        key = frozenset(parent.names)
         if key not in self.grown:
-            self.grow(parent, QUICK_LATER)
+            self.grow(parent, QUICK_LATER, trial)
         known = {k: t.chi2 for k, t in self.trials.items()}
         alike = [(s, size) for s, size in self._alike(trial, name) if not known.get(key | {s.candidate.name}, np.inf) < trial.chi2 + MARGIN]
-        for t in self._from_scratch(parent, [s.candidate for s, _ in alike]) if alike else ():
+        for t in self._from_scratch(parent, [s.candidate for s, _ in alike], trial) if alike else ():
             self.keep(t)
         for s, size in alike:
             self._exchange(trial, name, s, size)
-        found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k and not t.stands_in]
-        return sorted(found, key=lambda t: t.chi2)
 
     def _alike(self, trial: Trial, name: str) -> list[tuple[Screened, np.ndarray]]:
         """Candidates that would do to the measurements what one effect of a trial does, and the size (p,) at which they would."""
@@ -139,15 +157,18 @@ class Search:
     def _exchange(self, trial: Trial, name: str, screened: Screened, size: np.ndarray) -> None:
         """Try a candidate in the place of a trial's effect from where the trial stands, for a start from scratch may end elsewhere."""
         f, candidate = trial.fit, screened.candidate
-        rest = f.structure.minus(name)
+        rest, known = f.narrowed(name)
         structure = rest.plus(candidate.name)
         theta = structure.start.copy()
-        theta[: len(rest.free)] = [x for x, full in zip(f.theta, f.structure.free, strict=True) if full in rest.free]
+        theta[: len(known)] = known
         if candidate.parameters == len(size):  # not a wave's, whose columns are sines and cosines
-            theta[len(rest.free) :] += size
-        new = fit(self.problem, structure, f.states, theta, settle=True)
+            theta[len(known) :] += size
+        new = fit(self.problem, structure, f.states, theta, iterations=5, settle=True)
+        if new.rough and not f.rough:
+            return
+        new = fit(self.problem, structure, new.states, new.theta, settle=True)
         if np.isfinite(new.chi2):
-            self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, trial.occam))
+            self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, trial.freedom))
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the workers."""
@@ -171,7 +192,7 @@ class Search:
             new = fit(self.single, structure, trial.fit.states, theta, 1, tolerance=0.5, reuse=trial.fit.linear, linear=known)
             if best is None or new.chi2 < best.chi2:
                 best = new
-        return Trial(best, (*trial.names, candidate.name), False, trial.occam) if best is not None and np.isfinite(best.chi2) else None
+        return Trial(best, (*trial.names, candidate.name), False, trial.freedom) if best is not None and np.isfinite(best.chi2) else None
 
     def _stuck(self, trial: Trial, screened: Sequence[Screened], field: Sequence[Trial]) -> list[Candidate]:
         """Candidates to be started from scratch: where nothing comes near the noise those that promise most, of the beginnings
@@ -182,61 +203,61 @@ class Search:
             held = (s for s in screened if trial.chi2 - s.promise < best - MARGIN and reached.get(s.candidate.name, np.inf) > trial.chi2 - 0.5 * s.promise)
             return [s.candidate for s in held]
         near = self.near(trial)
-        left = near.fit.chi2 - max((s.promise for s in near.screened), default=0.0)
-        most = len(screened) if left < ROUGH * near.fit.samples else SEVERAL  # not any of them alone, then
+        left = near[-1].fit.chi2 - max((s.promise for s in near[-1].screened), default=0.0)
+        most = len(screened) if left < ROUGH * near[-1].fit.samples else SEVERAL  # not any of them alone, then
         found: dict[str, Candidate] = {}
-        for s in [s for pair in zip(near.screened, screened, strict=False) for s in pair][:most]:
+        for s in [s for rank in zip(*(look.screened for look in near), screened, strict=False) for s in rank][: most * len(near)]:
             name, known = s.candidate.name, found.get(s.candidate.name)
             found[name] = replace(known, starts=(*known.starts, *(x for x in s.candidate.starts if x not in known.starts))) if known else s.candidate
         return list(found.values())
 
-    def race(self, starts: Sequence[Start]) -> list[Trial]:
+    def race(self, starts: Sequence[Start], against: Trial | None = None) -> list[Trial]:
         """Refits from scratch (`race.race`), spread over the workers."""
-        return race(self.problem if len(starts) == 1 else self.single, starts, self.map, self.tell)
+        return race(self.problem if len(starts) == 1 else self.single, starts, self.map, self.tell, against)
 
-    def _from_scratch(self, trial: Trial, candidates: Sequence[Candidate]) -> list[Trial]:
+    def _from_scratch(self, trial: Trial, candidates: Sequence[Candidate], against: Trial | None = None) -> list[Trial]:
         """The trial with one more effect, fitted over growing horizons from each start; best first."""
+        near = self.near(trial)[0].fit  # what whole runs made of the parameters may be far off
 
         def start(name: str, values: Mapping[str, float]) -> Start:
             names = (*trial.names, name)
-            return Start(names, *trial.fit.widened(name, values), trial.occam, " + ".join(names))
+            return Start(names, *near.widened(name, values), trial.freedom, " + ".join(names))
 
-        return self.race([start(c.name, values) for c in candidates for values in c.starts])
+        return self.race([start(c.name, values) for c in candidates for values in c.starts], against)
 
     def _settled(self, f: Fit) -> Fit:
         """A refit of all runs to convergence with all derivatives fresh, from where a fit stands or, where that is stuck, from scratch."""
         new = fit(self.problem, f.structure, f.states, f.theta, iterations=15)
         if new.rough:
-            new = min(new, fit_from_scratch(self.problem, f.structure, f.theta), key=lambda f: f.chi2)
+            new = min(new, fit_from_scratch(self.problem, f.structure, f.theta, thorough=False), key=lambda f: f.chi2)
         return new
 
     def _further(self, trial: Trial, iterations: int) -> Trial:
         """More steps of a quick refit."""
         f = trial.fit
         new = fit(self.single, f.structure, f.states, f.theta, iterations, tolerance=0.1, reuse=f.linear)
-        return Trial(new, trial.names, False, trial.occam)
+        return Trial(new, trial.names, False, trial.freedom)
 
     def finish(self, trial: Trial) -> Trial:
         """A trial refitted to convergence with all derivatives fresh."""
         if trial.full:
             return trial
-        done = Trial(self._settled(trial.fit), trial.names, True, trial.occam)
+        done = Trial(self._settled(trial.fit), trial.names, True, trial.freedom)
         self.keep(done)
         return self.trials[frozenset(trial.names)]
 
     def without(self, trial: Trial, name: str) -> Trial:
         """The trial refitted with one effect taken out."""
-        names = tuple(n for n in trial.names if n != name)
-        key = frozenset(names)
-        if key in self.trials and self.trials[key].full:
-            return self.trials[key]
-        structure = trial.fit.structure.minus(name)
-        keep = [trial.fit.structure.free.index(f) for f in structure.free]
-        before, after = (sum(n.startswith("stand_in") for n in some) for some in (trial.names, names))
-        occam = trial.occam * after / before if before else 0.0
-        new = Trial(self._settled(replace(trial.fit, structure=structure, theta=trial.fit.theta[keep])), names, True, occam)
-        self.keep(new)
+        key = frozenset(trial.names) - {name}
+        if key not in self.trials or not self.trials[key].full or trial.stands_in:  # whose shape may be another by now
+            self._once(self.reduced, trial, lambda: self._take_out(trial, name), name)
         return self.trials[key]
+
+    def _take_out(self, trial: Trial, name: str) -> None:
+        names = tuple(n for n in trial.names if n != name)
+        structure, theta = trial.fit.narrowed(name)
+        new = Trial(self._settled(replace(trial.fit, structure=structure, theta=theta)), names, True, {n: price for n, price in trial.freedom.items() if n != name})
+        self.keep(new)
 
     def part(self, trial: Trial, names: Sequence[str]) -> Trial:
         """The trial with only these of its effects, fitted."""

@@ -12,18 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..core.state import COORDINATES
-from ..estimation.fit import fit
-from ..estimation.structure import roughness
+from ..estimation.fit import Fit, fit
 from .gate import Projector
 from .look import Look
 from .race import Start, Trial
 from .search import Search
 from .signatures import VARIABLES, RunResponse, basis, in_coordinate, moving_coordinates, responses
+from .smooth import smoothest
 
 #: Intervals of the table that every variable is tried with, and of the finer one for the best along the track or in time.
 INTERVALS, FINEST = 32, 160
-#: Weights of roughness tried, relative to the data's weight on the table.
-WEIGHTS = np.logspace(-9, 9, 37)
 #: Shapes refitted in full simulation, and how often the best is laid anew.
 FULL, REFINEMENTS = 3, 2
 #: Shapes that promise less than this part of the best are not refitted.
@@ -99,32 +97,16 @@ def _span(runs: Sequence[RunResponse], variable: str) -> tuple[float, float] | N
 
 
 def _linear(runs, project, residual, coordinate, tables) -> list[Shape]:
-    """To first order, the smooth table that fits a residual best for each of ``tables`` (variable, low, high, intervals).
-
-    How smooth is decided by the evidence: the likelihood of the residual with the table's values integrated out.
-    """
+    """To first order, the smooth table that fits a residual best for each of ``tables`` (variable, low, high, intervals)."""
     blocks = [basis_of(runs, v, low, (high - low) / n, n + 1) for v, low, high, n in tables]
     edges = np.cumsum([0] + [b[0].shape[1] for b in blocks])
     responded = [r.respond(in_coordinate(coordinate, np.hstack([b[i] for b in blocks]))) for i, r in enumerate(runs)]
     columns = project(project.stack(responded))
     shapes_ = []
     for (variable, low, high, n), a, b in zip(tables, edges[:-1], edges[1:], strict=True):
-        gram, score = columns[:, a:b].T @ columns[:, a:b], columns[:, a:b].T @ residual
-        unit = np.trace(gram) / len(gram)
-        gram += np.diag(np.full(len(gram), 1e-12 * unit))  # nothing is known where no run has been
-        best = max((_evidence(gram, score, unit * w) for w in WEIGHTS), key=lambda e: e[0])
-        promise, values, weight, fall = best
-        shapes_.append(Shape(COORDINATES[coordinate], variable, low, (high - low) / n, values, promise, weight, fall - promise))
+        best = smoothest(columns[:, a:b], residual)
+        shapes_.append(Shape(COORDINATES[coordinate], variable, low, (high - low) / n, best.values, best.promise, best.weight, best.occam))
     return shapes_
-
-
-def _evidence(gram, score, weight):
-    """Twice the log evidence of a table over none, its values, the weight itself and the fall in χ²."""
-    prior = roughness(len(gram), weight)
-    posterior = gram + prior
-    values = np.linalg.solve(posterior, score)
-    occam = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(prior)[1]
-    return float(values @ score - occam), values, weight, float(2 * values @ score - values @ gram @ values)
 
 
 def basis_of(runs: Sequence[RunResponse], variable: str, start: float, step: float, count: int) -> list[np.ndarray]:
@@ -150,10 +132,10 @@ def stand_ins(search: Search, trial: Trial) -> list[Trial]:
     """The trial with a stand-in, for the most promising shapes, refitted in full simulation; best first."""
     rough = trial.fit.rough
     if rough:
-        found = shapes(search.near(trial))
-        known = {(s.coordinate, s.variable) for s in found}
-        found += [s for s in shapes(search.look(trial)) if (s.coordinate, s.variable) not in known]
-        done = search.race([_start(trial, s) for s in found])
+        found: dict[tuple[str, str], Start] = {}
+        for look in [*search.near(trial), search.look(trial)]:
+            found = {(s.coordinate, s.variable): _start(trial, s, look.fit) for s in shapes(look)} | found
+        done = search.race(list(found.values()))
     else:
         done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search.look(trial))) if t is not None]
     done.sort(key=lambda t: penalised(search, t))
@@ -188,25 +170,25 @@ def _relaid(search: Search, trial: Trial) -> Shape:
     return _zoomed(runs, project, residual, best)
 
 
-def _start(trial: Trial, shape: Shape, near: Trial | None = None) -> Start:
-    """A trial with a stand-in, at the first-order shape or at none where that leads astray; the rest as in ``near``, where given."""
+def _start(trial: Trial, shape: Shape, near: Fit) -> Start:
+    """A trial with a stand-in, at the first-order shape or at none where that leads astray; the rest as in ``near``."""
     plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
     structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})
     g = len(trial.fit.theta)
     theta = structure.start.copy()
-    theta[:g] = (near or trial).fit.theta[:g]
+    theta[:g] = near.theta[:g]
     weight = trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
     if not np.abs(shape.values).max() < ABSURD * weight:
         theta[g:] = 0.0
     names = (*trial.names, shape.name)
-    return Start(names, structure, theta, trial.occam + shape.occam, " + ".join([*trial.names, shape.label]))
+    return Start(names, structure, theta, {**trial.freedom, shape.name: shape.occam}, " + ".join([*trial.names, shape.label]))
 
 
 def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:
     """The trial with this stand-in, fitted; started from ``near``, an earlier fit of nearly the same, where there is one."""
-    start = _start(trial, shape, near)
-    search.tell(f"{start.label}{' again' if near else ''}")
     source = (near or trial).fit
+    start = _start(trial, shape, source)
+    search.tell(f"{start.label}{' again' if near else ''}")
     structure, theta = start.structure, start.theta
     best = None
     for scale in (1.0, 0.0):  # from the first-order shape, or from nothing
@@ -220,7 +202,7 @@ def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None
         return None
     if near is not None:
         best = fit(search.problem, structure, best.states, best.theta, iterations=3, tolerance=1.0)
-    return Trial(best, start.names, True, start.occam)
+    return Trial(best, start.names, True, start.freedom)
 
 
 def penalised(search: Search, trial: Trial) -> float:
@@ -230,4 +212,4 @@ def penalised(search: Search, trial: Trial) -> float:
     """
     plain = [f for f in trial.fit.structure.free if "values[" not in f and f not in search.base.structure.free]
     picked = sum(2 * np.log(4 * len(VARIABLES) if e.startswith("stand_in") else 45) for e in trial.names)
-    return trial.chi2 + np.log(trial.fit.samples) * len(plain) + picked + trial.occam
+    return trial.cost + np.log(trial.fit.samples) * len(plain) + picked

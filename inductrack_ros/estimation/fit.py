@@ -26,12 +26,13 @@ COARSE = 1e-4
 LOOSE, IDLE = 1e-3, 2
 #: Steps of each run by itself after a joint step that fell short of its promise; after how many such steps, one damped more than the other.
 SETTLE, SETTLED = 4, 2
-#: Growing horizons of a fit from scratch (s), and by what they grow from there: impacts and instability are taken in bit by bit.
-HORIZONS, GROWTH = (0.15, 0.4, 0.8), 1.35
+#: First of the growing horizons of a fit from scratch (s) and by what they grow: impacts and instability are taken in bit by bit. Those
+#: shorter than ``ENOUGH`` need so many samples; steps that lose the runs are halved down to ``LEAST``.
+SHORTEST, GROWTH, ENOUGH, SAMPLES, LEAST = 0.04, 1.35, 0.15, 100, 0.02
 #: A fit that leaves so many times the noise's χ² may only be stuck; one that leaves so many has lost the runs, and only their
 #: beginnings still tell anything.
 ROUGH, HOPELESS = 1.5, 100.0
-#: Where even the first horizon misses by this many times the noise's χ², each free parameter is also started at these multiples.
+#: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these multiples.
 FAR_OFF, MULTIPLES = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0)
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
@@ -70,6 +71,11 @@ class Fit:
         theta = structure.start.copy()
         theta[: len(self.theta)] = self.theta
         return structure, theta
+
+    def narrowed(self, name: str) -> tuple[Structure, np.ndarray]:
+        """The structure without one of its effects (see `Structure.minus`) and what is left of theta."""
+        structure = self.structure.minus(name)
+        return structure, self.theta[[self.structure.free.index(f) for f in structure.free]]
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -287,39 +293,55 @@ def _covariance(structure, linear) -> np.ndarray:
     return np.linalg.pinv(A, rcond=1e-15, hermitian=True) if g else np.zeros((0, 0))
 
 
-def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit:
+def rough_fit(
+    problem: Problem, structure: Structure, states: Sequence[np.ndarray] | None = None, theta: np.ndarray | None = None, settle: bool = True
+) -> Fit:
+    """A fit good enough to go on from, over a longer horizon."""
+    return fit(problem, structure, states, theta, iterations=8, tolerance=1.0, settle=settle)
+
+
+def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray | None = None, thorough: bool = True) -> Fit:
     """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability.
 
     Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact makes them jump.
+    Unless it is to be ``thorough`` it does not care for more than a rough fit once the runs are lost, for then the model is wrong.
     """
-    near = approach(problem, structure, theta)
+    near = _approach(problem, structure, theta, thorough)
+    if near and near.rough and not thorough:
+        return fit(problem, structure, near.states, near.theta, iterations=8)
     if near and near.hopeless:  # a wrong model; whole runs that are thrown far off would only move its parameters out of the way
         return fit(problem, structure, near.states, near.theta, iterations=4)
     return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)), settle=True)
 
 
-def approach(problem: Problem, structure: Structure, theta: np.ndarray | None = None) -> Fit | None:
-    """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless; None where the runs are too short for any."""
-    given, near, states = theta is not None, None, None
-    for k, horizon in enumerate(growing(problem)[:-1]):
-        part = problem.within(horizon)
-        step = fit(part, structure, states, theta, iterations=8, tolerance=1.0, settle=True)
-        if k == 0 and not given and not step.chi2 < FAR_OFF * part.samples:
-            step = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2)
+def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, thorough: bool) -> Fit | None:
+    """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless, or only rough if it need not be
+    ``thorough``; None where the runs are too short for any."""
+    near, states, far = None, None, theta is None
+    reached, horizons = 0.0, growing(problem)[:-1]
+    while horizons:
+        part = problem.within(horizons[0])
+        step = rough_fit(part, structure, states, theta)
+        if far and not step.chi2 < FAR_OFF * part.samples:
+            step, far = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2), False
+        if step.rough and near and not near.rough and horizons[0] - reached > LEAST:
+            horizons.insert(0, 0.5 * (reached + horizons[0]))
+            continue
         if np.isfinite(step.chi2):
             near, states, theta = step, step.states, step.theta
-        if step.hopeless:
+        if step.hopeless or step.rough and not thorough:
             break
+        reached = horizons.pop(0)
     return near
 
 
 def growing(problem: Problem) -> list[float]:
     """The growing horizons (s), the last of them all of the longest run."""
-    longest = max(d.grid[-1] for d in problem.runs)
-    horizons = list(HORIZONS)
-    while horizons[-1] < longest:
+    horizons = [SHORTEST]
+    while horizons[-1] < problem.length:
         horizons.append(GROWTH * horizons[-1])
-    return [h for h in horizons if h < 0.8 * longest] + [longest]
+    horizons = [h for h in horizons if h >= ENOUGH or problem.within(h).samples >= SAMPLES]
+    return [h for h in horizons if h < 0.8 * problem.length] + [problem.length]
 
 
 def _far_starts(problem: Problem, structure: Structure) -> list[Fit]:

@@ -29,6 +29,8 @@ from .structure import Structure
 GRID = 2.5e-3
 #: Step of the parameters' differences, in typical sizes.
 THETA_STEP = 2e-3
+#: Where the differences to both sides are further apart than this part of their sum, a derivative is the smaller of the two.
+JUMP = 0.8
 #: Prior standard deviation of an initial state about its first guess: says nothing where anything is measured.
 STATE_PRIOR = np.array([0.5, 0.02, 0.02, 0.1, 10.0, 1.0, 1.0, 10.0])
 #: Predictions go on this far (s) beyond a run's ends, for the derivatives by a delay of its first and last samples.
@@ -172,6 +174,11 @@ class Problem:
         """Number of measured values."""
         return sum(len(r.y) for r in self.runs)
 
+    @property
+    def length(self) -> float:
+        """Time (s) to the last sample of the longest run."""
+        return float(max(d.grid[-1] for d in self.runs))
+
     def within(self, horizon: float) -> Problem:
         """The same problem with only the samples up to ``horizon`` (s) of each run."""
         part = self.subset(range(len(self.runs)))
@@ -277,14 +284,16 @@ class Problem:
             weight = 1.0 / self.sigma[data.channel]
             at = {(k, v): 1 + j for j, (k, v) in enumerate(points)}
             ends = [(read[at.get((k, up[k]), 0)], read[at.get((k, down[k]), 0)]) for k in range(g)]
-            by_theta = np.array([(a - b) / (up[k] - down[k]) for k, (a, b) in enumerate(ends)]).reshape(g, data.y.size)
+            slopes = [_slope(a - read[0], up[k] - theta[k], read[0] - b, theta[k] - down[k]) for k, (a, b) in enumerate(ends)]
+            by_theta = np.array(slopes).reshape(g, data.y.size)
             for effect, columns in tables.items():
                 if tables_from is not None:
                     by_theta[columns] = tables_from[i].by_theta[:, columns].T / weight
                 else:
                     by_theta[columns] = self._table_columns(structure, i, theta, states[i], out[0], effect, columns) / weight
             plus, minus = np.split(read[len(read) - 2 * len(free) :], 2)
-            by_state = (plus - minus) / (2 * STATE_STEPS[free])[:, None]
+            steps = STATE_STEPS[free][:, None]
+            by_state = _slope(plus - read[0], steps, read[0] - minus, steps)
             return Linearisation(
                 (data.y - read[0]) * weight,
                 (by_theta * weight).T,
@@ -314,6 +323,20 @@ class Linearisation:
     by_theta: np.ndarray
     by_state: np.ndarray
     free_states: np.ndarray
+
+
+def _slope(ahead: np.ndarray, up, behind: np.ndarray, down) -> np.ndarray:
+    """Derivative from the changes ``ahead`` over ``up`` and ``behind`` over ``down``: central, but where they differ by a factor the smaller.
+
+    A sample near an impact jumps (an accelerometer's does) when it falls on the other side: that is no slope, and would pass for
+    knowledge of the parameters that nobody has.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        forward, backward = ahead / up, behind / down
+        smaller = np.where(np.abs(forward) < np.abs(backward), forward, backward)
+        central = (ahead + behind) / (up + down)
+        jumps = (np.abs(forward - backward) > JUMP * (np.abs(forward) + np.abs(backward))) & (up > 0) & (down > 0)
+    return np.where(jumps, smaller, central)
 
 
 def _interpolate(grid: np.ndarray, out: np.ndarray, channel: str, at: np.ndarray) -> np.ndarray:

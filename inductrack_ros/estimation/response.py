@@ -38,7 +38,7 @@ class RunResponse:
     def __init__(self, data, sigma: np.ndarray, model, P: np.ndarray, outputs: np.ndarray, dof: int):
         """``data`` a `problem.RunData`, P (p,) the kernel's parameters, ``outputs`` (n, 15) the simulated run."""
         self.data, self.sigma, self.outputs = data, sigma, outputs
-        self.grid = data.grid[: len(outputs)]
+        self.grid = data.grid
         inertia = model.parameters["mass"], model.parameters["roll_inertia"]
         self.inverse_inertia = np.array([1 / inertia[0]] * 3 + [1 / inertia[1]])
         self.transitions = _transitions(data, model, P, outputs, dof)
@@ -64,9 +64,8 @@ class RunResponse:
         width = a.shape[2]
         data = self.data
         result = np.full((len(data.y), width), np.nan)
-        inside = data.row < len(self.grid)
         for column in np.unique(data.column):
-            mine = inside & (data.column == column)
+            mine = data.column == column
             result[mine] = self._output(OUTPUTS[column], state)[data.row[mine]]
         return result / self.sigma[data.channel][:, None]
 
@@ -89,7 +88,7 @@ def gap_geometry(model) -> np.ndarray:
 
 def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> np.ndarray:
     """Φ_k (n−1, 8, 8): derivative of the state at the next grid point by the state at this one."""
-    grid = data.grid[: len(outputs)]
+    grid = data.grid
     n_states = len(model.kernel.states)
     free = np.array([s.removesuffix("_rate") in MOVING[dof] for s in STATES])
     moved = np.flatnonzero(free | (np.arange(8) == 0))

@@ -89,9 +89,9 @@ class Structure:
 
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bound of theta, each (g,)."""
+        """Lower and upper bound of theta, each (g,); what the model holds is within them."""
         pairs = np.array([p.fit_bounds() for p in self.declarations]).reshape(-1, 2)
-        return pairs[:, 0] / self.scale, pairs[:, 1] / self.scale
+        return np.minimum(pairs[:, 0] / self.scale, self.start), pairs[:, 1] / self.scale
 
     @cached_property
     def tables(self) -> dict[str, list[int]]:

@@ -32,6 +32,7 @@ NOISE = {  # standard deviations at level 1, SI
     "surge_acceleration": 0.05, "sway_acceleration": 0.05, "heave_acceleration": 0.05,
 }  # fmt: skip
 TOP_SPEED = 48.0  # m/s at the end of a run
+MOST_ROLL = 0.5  # rad
 POSE = ["surge", "sway", "heave", "roll"]
 RATES = ["surge_rate", "sway_rate", "heave_rate", "roll_rate"]
 GAPS = ["gap_top", "gap_right", "gap_left"]
@@ -202,6 +203,13 @@ def rivals_of(experiment, hidden, index):
     return dict(list(clarity.imitations(experiment, hidden, index, candidates).items())[:8])
 
 
+def stays_in_track(runs, eta, gamma, hidden):
+    """Whether no run tips the cradle over: past this there is no rig that anybody would measure."""
+    rigs = clarity.rig_of(eta, gamma, hidden)
+    rolls = (sim.measure(run["times"], run["start"], run["drive_current"], rigs, ["roll"], [])[0] for run in runs)
+    return all(np.abs(roll).max() < MOST_ROLL for roll in rolls)
+
+
 def draw_hidden(rng, kind, experiment, faint, clear, names=None):
     """Effects that all show: (hidden, their signals). Redraws what the campaign cannot show."""
     cache = {}
@@ -226,6 +234,8 @@ def draw_hidden(rng, kind, experiment, faint, clear, names=None):
         if kind == "unknown":  # a strange effect that one of the catalogue imitates is no question
             found[0]["imitations"] = rivals_of(experiment, hidden, 0)
             score = min([score, *found[0]["imitations"].values()])
+        if not names and not stays_in_track(experiment.runs, experiment.eta, experiment.gamma, hidden):
+            continue
         if score > best_score:
             best, best_score = (hidden, found), score
         if score > 0.7 * faint:
@@ -298,7 +308,11 @@ def draw_campaign(seed, kind=None, design=None, names=None, faint=15.0, clear=15
     rigs, faults = clarity.rig_of(eta, gamma, hidden), clarity.faults_of(hidden)
     name = f"blind_{seed}"
     contents, contacts = folder_contents(rng, name, "run", runs, plan, rigs, faults, exact=False)
-    further = draw_runs(rng, plan, plain, int(rng.integers(3, 6)))
+    number = int(rng.integers(3, 6))
+    for _ in range(20):
+        further = draw_runs(rng, plan, plain, number)
+        if stays_in_track(further, eta, gamma, hidden):
+            break
     heldout, heldout_contacts = folder_contents(rng, name, "heldout", further, plan, rigs, faults, exact=True)
 
     known = [effect for effect in hidden if effect["effect"] not in hidden_effects.OUTSIDE]

@@ -17,7 +17,7 @@ def upright(values):
     canonical=upright,
     parameters={
         "amplitude": Parameter(0.0, "m", -0.01, 0.01, "amplitude a", "guideway survey", typical=5e-5),
-        "wavelength": Parameter(1.0, "m", 0.02, 100.0, "wavelength Λ", "guideway survey", typical=0.05),
+        "wavelength": Parameter(1.0, "m", 0.02, 100.0, "wavelength Λ", "guideway survey", typical=0.05, fit_from=0.1),
         "phase": Parameter(0.0, "rad", -10.0, 10.0, "phase φ", "guideway survey", typical=0.1),
     },
 )

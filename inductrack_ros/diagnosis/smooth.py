@@ -1,0 +1,92 @@
+"""How smooth a table of forces should be: as smooth as makes the data most probable, its values integrated out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..core.effects.stand_in import VARIABLES, basis
+from ..core.state import INDEX, STATES
+from ..estimation.fit import Fit
+from ..estimation.problem import Problem
+from ..estimation.structure import Structure, roughness
+from .gate import Projector
+
+#: Weights of roughness tried, relative to the data's weight on the table.
+WEIGHTS = np.logspace(-9, 9, 37)
+#: A table that is too short is laid so much of its length longer than it must be.
+MARGIN = 0.1
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A table's values (l,), the weight of its roughness, twice the log evidence it promises over none, and ``occam``, the part of the
+    fall in χ² that its freedom alone would have bought."""
+
+    values: np.ndarray
+    weight: float
+    promise: float
+    occam: float
+
+
+def smoothest(columns: np.ndarray, residual: np.ndarray) -> Smooth:
+    """The table whose columns (N, l), what each value does to the measurements over noise, explain a residual (N,) best."""
+    gram, score = columns.T @ columns, columns.T @ residual
+    unit = max(np.trace(gram) / len(gram), 1e-12)  # where no run has been at all, any will do
+    gram += np.diag(np.full(len(gram), 1e-12 * unit))  # nothing is known where no run has been
+    return max((_with_weight(gram, score, unit * w) for w in WEIGHTS), key=lambda s: s.promise)
+
+
+def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float) -> Smooth:
+    prior = roughness(len(gram), weight)
+    posterior = gram + prior
+    values = np.linalg.solve(posterior, score)
+    promise = float(values @ score - np.linalg.slogdet(posterior)[1] + np.linalg.slogdet(prior)[1])
+    fall = float(2 * values @ score - values @ gram @ values)
+    return Smooth(values, weight, promise, fall - promise)
+
+
+def smoothed(problem: Problem, fit: Fit, effect: str) -> tuple[Structure, float]:
+    """A fit's structure with the smoothness of a stand-in's table as the data that were fitted say, and that table's ``occam``."""
+    table = fit.structure.tables[effect]
+    project = Projector(problem, fit, leave=table)
+    scale = fit.structure.scale[table]
+    columns = project(project.stack([part.by_theta[:, table] / scale for part in fit.linear]))
+    best = smoothest(columns, project.residual + columns @ (fit.theta[table] * scale))
+    return replace(fit.structure, smoothness={**fit.structure.smoothness, effect: best.weight}), best.occam
+
+
+def covering(problem: Problem, fit: Fit, effect: str) -> tuple[Structure, np.ndarray]:
+    """A fit's structure and theta with a stand-in's table laid anew, as it was and straight on, where the runs go beyond it."""
+    table = fit.model.effects[effect]
+    start, step, count = table["start"], table["step"], int(table["knots"])
+    end = start + (count - 1) * step
+    seen = _histories(problem, fit, VARIABLES[int(table["variable"])])
+    low, high = np.quantile(seen, [0.001, 0.999]) if seen.size else (start, end)
+    if low > start - step and high < end + step:
+        return fit.structure, fit.theta
+    low, high = min(low - MARGIN * (end - low), start), max(high + MARGIN * (high - start), end)
+    u = np.linspace(low, high, 10 * count)
+    inner = np.clip(u, start + 2 * step, end - 2 * step)  # the last of the splines fade out
+    value, further = (basis(x, start, step, count) @ np.array(table["values"])[:count] for x in (inner, inner + 0.1 * step))
+    shape = value + (further - value) / (0.1 * step) * (u - inner)
+    wider = float((high - low) / (count - 1))
+    coefficients = np.linalg.lstsq(basis(u, low, wider, count), shape, rcond=1e-6)[0]
+    effects = {**fit.structure.model.effects, effect: {**fit.structure.model.effects[effect], "start": float(low), "step": wider}}
+    structure, theta = replace(fit.structure, model=fit.structure.model.with_changes(effects=effects)), fit.theta.copy()
+    mine = fit.structure.tables[effect]
+    theta[mine] = coefficients / fit.structure.scale[mine]
+    return structure, theta
+
+
+def _histories(problem: Problem, fit: Fit, variable: str) -> np.ndarray:
+    """What a variable goes through in all runs; empty where it is none of the states, whose range is known from the start."""
+    if variable not in STATES:
+        return np.empty(0)
+
+    def task(i: int) -> np.ndarray:
+        return problem.simulate(fit.structure, i, fit.theta[None], fit.states[i][None])[0][:, INDEX[variable]]
+
+    values = np.concatenate(problem.for_runs(task))
+    return values[np.isfinite(values)]
