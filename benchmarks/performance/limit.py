@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import re
 import shutil
 import subprocess
@@ -35,7 +36,9 @@ def library(*options: str) -> ctypes.CDLL:
     }  # fmt: skip
     target = BUILD / f"limit{'_'.join(o.strip('-').replace('=', '_') for o in ('', *options))}.so"
     defines = [f"-D{name}={value!r}" for name, value in sizes.items()]
-    subprocess.run([compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", target, SOURCE, "-lmvec", "-lm"], check=True)
+    part = target.with_suffix(f".{os.getpid()}")  # another process may be loading it
+    subprocess.run([compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", part, SOURCE, "-lmvec", "-lm"], check=True)
+    part.replace(target)
     return ctypes.CDLL(str(target))
 
 
