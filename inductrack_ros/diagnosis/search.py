@@ -95,22 +95,26 @@ class Search:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them refitted.
 
         Only what comes near a trial that is known already is wanted where there is one ``against`` them.
-        The field narrows: one step for all, a few more for `SEVERAL`, convergence for `FULL`. Those that could still
-        win, by what they promise to first order, but whose refit is stuck far from it, start from scratch.
+        Those that could still win, by what they promise to first order, but whose refit is stuck far from it, start from scratch.
         """
         screened = self.screened(trial)[:limit]
-        field: list[Trial] = []
-        if not trial.fit.hopeless:
-            field = [t for t in self.map(lambda s: self._first_step(trial, s), screened) if t]
-            field.sort(key=lambda t: t.chi2)
-            field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
-            field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
+        field = [] if trial.fit.hopeless else self._from_there(trial, screened)
         field += self._from_scratch(trial, self._stuck(trial, screened, field), against)
+        if trial.fit.hopeless and all(t.fit.rough for t in field) and not (against and not against.fit.rough):
+            field += self._from_there(trial, screened)  # a wrong model, perhaps, more than runs that were thrown off
         field.sort(key=lambda t: t.chi2)
         for t in field:
             self.keep(t)
         field = [t for t in field if self.trials[frozenset(t.names)] is t]
         self.grown.add(frozenset(trial.names))
+        return field
+
+    def _from_there(self, trial: Trial, screened: Sequence[Screened]) -> list[Trial]:
+        """The trial with one more effect, refitted from where it stands: one step for all, a few more for `SEVERAL`, convergence for `FULL`."""
+        field = [t for t in self.map(lambda s: self._first_step(trial, s), screened) if t]
+        field.sort(key=lambda t: t.chi2)
+        field[:SEVERAL] = sorted(self.map(lambda t: self._further(t, 2), field[:SEVERAL]), key=lambda t: t.chi2)
+        field[:FULL] = sorted(self.map(lambda t: self._further(t, 10), field[:FULL]), key=lambda t: t.chi2)
         return field
 
     def rivals(self, trial: Trial, name: str) -> list[Trial]:
@@ -175,10 +179,10 @@ class Search:
         return self.workers.map(task, items)
 
     def keep(self, trial: Trial) -> None:
-        """Remember a trial, the better of two with the same effects."""
+        """Remember a trial, the better of two with the same effects; of two that are as good the one that was refitted in full."""
         key = frozenset(trial.names)
         old = self.trials.get(key)
-        if old is None or (trial.full, -trial.chi2) > (old.full, -old.chi2):
+        if old is None or trial.chi2 < old.chi2 + MARGIN * (trial.full - old.full):
             self.trials[key] = trial
 
     def _first_step(self, trial: Trial, screened: Screened) -> Trial | None:

@@ -309,9 +309,9 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
     near = _approach(problem, structure, theta, thorough)
     if near and near.rough and not thorough:
         return fit(problem, structure, near.states, near.theta, iterations=8)
-    if near and near.hopeless:  # a wrong model; whole runs that are thrown far off would only move its parameters out of the way
-        return fit(problem, structure, near.states, near.theta, iterations=4)
-    return fit(problem, structure, *((near.states, near.theta) if near else (None, theta)), settle=True)
+    if near is None:
+        return fit(problem, structure, None, theta, settle=True)
+    return fit(problem, structure, near.states, near.theta, settle=not near.hopeless)
 
 
 def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, thorough: bool) -> Fit | None:
