@@ -11,17 +11,22 @@ from scipy.integrate import solve_ivp
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.diagnose import diagnose
+from inductrack_ros.diagnosis.diagnose import base_fit, diagnose
+from inductrack_ros.diagnosis.search import QUICK_FIRST, Search
 
 MASS, GRAVITY, FALL, REST, DAMPING = 0.107, 9.81, 5.3e-3, 11.3e-3, 0.8  # kg, m/s², m, m, N·s/m
 NOMINAL_GAP = 10e-3
 
 
-def plate(folder, read, noise_std):
-    """Write the campaign; ``read`` is what the sensor makes of the true height over the nominal gap (m)."""
+def plate(folder, read, noise_std, warming=0.0, curl=0.0):
+    """Write the campaign; ``read`` is what the sensor makes of the true height over the nominal gap (m).
 
-    def slope(_, y):
-        return [y[1], GRAVITY * (np.exp((REST - y[0]) / FALL) - 1) - DAMPING / MASS * y[1]]
+    Its force fades by the part ``warming`` within a second, and falls with height as if ``curl`` of it came from something smaller.
+    """
+
+    def slope(t, y):
+        lift = (1 - curl) * np.exp((REST - y[0]) / FALL) + curl * np.exp((REST - y[0]) / (0.5 * FALL))
+        return [y[1], GRAVITY * (lift * (1 - warming * (1 - np.exp(-t))) - 1) - DAMPING / MASS * y[1]]
 
     times = np.arange(0, 1.7, 0.01)
     height = solve_ivp(slope, (0, 1.7), [3.7e-3, 0.0], t_eval=times, rtol=1e-10, atol=1e-12).y[0]
@@ -53,3 +58,20 @@ def test_noise_is_taken_anew_once_the_misfit_is_gone(tmp_path):
     found = diagnose(campaign, Model.load(campaign.model))
     check(found)
     assert found.noise["heave"] == pytest.approx(3e-5, rel=0.2)
+
+
+@pytest.mark.parametrize(("warming", "noise_std"), [(0.0, {"noise_std": {"heave": 3e-5}}), (0.1, {})])
+def test_damping_comes_first_where_no_effect_leaves_noise(tmp_path, warming, noise_std):
+    """To a sensor that reads to 0.1 mm every real rig is wrong in several ways; over its first tenths of a second others explain as much."""
+    campaign = plate(tmp_path, lambda height: np.round(height, 4), noise_std, warming=warming, curl=0.2)
+    problem, base, _ = base_fit(campaign, Model.load(campaign.model))
+    search = Search(problem, base)
+    grown = search.grow(search.trials[frozenset()], QUICK_FIRST)
+    assert grown[0].names == ("heave_damping",) and grown[0].fit.rough
+    assert grown[0].chi2 < 0.2 * min(base.chi2, grown[1].chi2)
+
+
+def test_damping_is_named_and_something_is_left(tmp_path):
+    campaign = plate(tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}}, warming=0.05, curl=0.3)
+    found = diagnose(campaign, Model.load(campaign.model))
+    assert found.verdict == "unknown_effect" and found.effects == ("heave_damping",)

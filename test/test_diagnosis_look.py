@@ -53,6 +53,12 @@ def test_a_table_is_as_smooth_as_the_data_say():
     assert 0 < found[0].occam < found[1].occam
 
 
+def test_a_table_promises_nothing_where_the_responses_left_all_bounds():
+    with np.errstate(over="ignore", invalid="ignore"):
+        table = smoothest(np.eye(50)[:, :33] * 1e150, np.ones(50))
+    assert not table.promise > 0
+
+
 def test_a_table_is_laid_anew_where_runs_go_beyond_it(problem_and_fit):
     problem, base = problem_and_fit
     variable = VARIABLES.index("surge_rate")

@@ -60,11 +60,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class Start:
-    """Where a refit begins: the effects, structure and theta, the price of the stand-ins' freedom, and a name for people."""
+    """Where a refit begins: the effects, structure, theta and states, the price of the stand-ins' freedom, and a name for people."""
 
     names: tuple[str, ...]
     structure: Structure
     theta: np.ndarray
+    states: Sequence[np.ndarray]
     freedom: Mapping[str, float]
     label: str
 
@@ -84,7 +85,10 @@ def race(
     """
 
     def begin(part: Problem, s: Start) -> Trial:
-        return smooth(part, Trial(rough_fit(part, s.structure, theta=s.theta), s.names, False, s.freedom), True)
+        first = rough_fit(part, s.structure, s.states, s.theta)
+        if first.rough:
+            first = min(first, rough_fit(part, s.structure, theta=s.theta), key=lambda f: f.chi2)
+        return smooth(part, Trial(first, s.names, False, s.freedom), True)
 
     def go_on(part: Problem, t: Trial, settle: bool = True) -> Trial:
         if t.names[-1] in t.fit.structure.smoothness:

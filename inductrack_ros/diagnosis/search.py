@@ -225,7 +225,7 @@ class Search:
 
         def start(name: str, values: Mapping[str, float]) -> Start:
             names = (*trial.names, name)
-            return Start(names, *near.widened(name, values), trial.freedom, " + ".join(names))
+            return Start(names, *near.widened(name, values), near.states, trial.freedom, " + ".join(names))
 
         return self.race([start(c.name, values) for c in candidates for values in c.starts], against)
 

@@ -41,7 +41,10 @@ def smoothest(columns: np.ndarray, residual: np.ndarray) -> Smooth:
 def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float) -> Smooth:
     prior = roughness(len(gram), weight)
     posterior = gram + prior
-    values = np.linalg.solve(posterior, score)
+    try:
+        values = np.linalg.solve(posterior, score)
+    except np.linalg.LinAlgError:  # responses beyond all bounds: nothing can be had from them
+        return Smooth(np.zeros(len(gram)), weight, -np.inf, np.inf)
     promise = float(values @ score - np.linalg.slogdet(posterior)[1] + np.linalg.slogdet(prior)[1])
     fall = float(2 * values @ score - values @ gram @ values)
     return Smooth(values, weight, promise, fall - promise)

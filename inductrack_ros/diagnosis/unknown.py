@@ -181,7 +181,7 @@ def _start(trial: Trial, shape: Shape, near: Fit) -> Start:
     if not np.abs(shape.values).max() < ABSURD * weight:
         theta[g:] = 0.0
     names = (*trial.names, shape.name)
-    return Start(names, structure, theta, {**trial.freedom, shape.name: shape.occam}, " + ".join([*trial.names, shape.label]))
+    return Start(names, structure, theta, near.states, {**trial.freedom, shape.name: shape.occam}, " + ".join([*trial.names, shape.label]))
 
 
 def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None) -> Trial | None:

@@ -100,9 +100,10 @@ class Fit:
 
     @property
     def reduced_chi2(self) -> float:
-        """χ² over degrees of freedom."""
-        used = len(self.theta) + sum(len(part.free_states) for part in self.linear)
-        return self.chi2 / max(self.samples - used, 1)
+        """χ² over degrees of freedom; what a prior holds, as the roughness of a table, uses none up."""
+        held = np.trace(self.covariance @ self.structure.precision)
+        used = len(self.theta) - held + sum(len(part.free_states) for part in self.linear)
+        return float(self.chi2 / max(self.samples - used, 1))
 
 
 def chi_square(residuals: Sequence[np.ndarray]) -> float:
