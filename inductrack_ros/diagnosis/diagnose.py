@@ -21,7 +21,7 @@ from ..workers import Cluster, Threads
 from . import support
 from .candidates import visible
 from .experiment import propose
-from .gate import Gate
+from .gate import NOISE_TOLERANCE, Gate
 from .race import Trial
 from .result import INTERRUPTED, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
 from .search import BEAM, QUICK_FIRST, QUICK_LATER, Search
@@ -46,6 +46,8 @@ PREFER_KNOWN = 0.8
 NEARLY_ALL, FIRST_OF_TWO = 0.95, 8
 #: A known effect that explains this part of what a force of any shape does, which leaves more than noise too, is named before it.
 NAMED = 0.9
+#: Candidates beside a force of any shape that are refitted: near the noise first order says well which.
+BESIDE = 4
 #: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
 LEFT_OUT = 4
 
@@ -81,7 +83,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     stand_in = [n for n in new if n.startswith("stand_in")]
     effects = tuple(n for n in new if n not in stand_in)
     verdict = "adequate" if not new and found_gate.adequate else "missing_effect" if found_gate.adequate and not stand_in else "unknown_effect"
-    twins = {} if stand_in else _twins(search, chosen, effects)
+    twins = _twins(search, chosen, effects)
     tell("how well it predicts runs left out")
     path = [tuple(new[:k]) for k in range(len(new) + 1)]
     steps = tuple(step_of(search, search.part(chosen, (*root.names, *p)), p) for p in path)
@@ -175,49 +177,58 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         return passing
     tried = [root]
 
-    def known() -> tuple[Trial, Gate] | None:
-        beam = _varied(singles)
-        for _ in range(MOST_EFFECTS - 1):
-            reached = max(map(search.reach, beam), default=0.0)
-            grown: list[Trial] = []
-            for trial in beam:
-                grown = _grown(search, trial, QUICK_LATER, grown)
-                if passing := _passing(search, grown):
-                    return passing
-            beam = _varied(grown)
-            if not beam or beam[0].fit.hopeless and max(map(search.reach, beam)) <= reached:  # not what throws the runs off
-                tried.extend(beam)
-                return None
-            beam[0] = _exchanged(search, search.finish(beam[0]))
-            tried.append(beam[0])
-            if passing := _passing(search, beam[:1]):
-                return passing
-        return None
-
     def unknown() -> tuple[Trial, Gate] | None:
         for start in [root, *singles[:1]]:
             found = stand_ins(search, start)[:1]
             tried.extend(found)
-            if passing := _passing(search, found):
+            if passing := _passing(search, found) or beside(found):
                 return passing
         return None
 
-    looks_known = _points_to_known(search, singles[0] if singles else root) or _two_explain(search, root)
-    ways = (known, unknown) if looks_known else (unknown, known)
-    for way in ways:
-        if result := way():
+    def beside(found: list[Trial]) -> tuple[Trial, Gate] | None:
+        for _ in range(MOST_EFFECTS - 1):
+            if not found or found[0].fit.rough:
+                return None
+            found = _grown(search, found[0], BESIDE)
+            if passing := _passing(search, found):
+                return passing
+            tried.extend(found[:1])
+        return None
+
+    ways = [unknown]
+    if not (_points_to_known(search, singles[0] if singles else root) or _two_explain(search, root)):
+        if result := ways.pop()():
             return result
+    beam = _varied(singles)
+    for _ in range(MOST_EFFECTS - 1):
+        reached = max(map(search.reach, beam), default=0.0)
+        grown: list[Trial] = []
+        for trial in beam:
+            grown = _grown(search, trial, QUICK_LATER, grown)
+            if passing := _passing(search, grown):
+                return passing
+        beam = _varied(grown)
+        if not beam or beam[0].fit.hopeless and max(map(search.reach, beam)) <= reached:  # not what throws the runs off
+            tried.extend(beam)
+            break
+        beam[0] = _exchanged(search, search.finish(beam[0]))
+        tried.append(beam[0])
+        if passing := _passing(search, beam[:1]):
+            return passing
+        if ways and beam[0].fit.rough and (result := ways.pop()()):  # what is missing most may be none of the known
+            return result
+    if ways and (result := ways.pop()()):
+        return result
     # Neither alone: one more unknown force beside the best there is.
     best = min(tried, key=lambda t: penalised(search, t))
     if named := _named(search, root, best):
         tried = [t for t in (named, *tried) if set(t.names) >= set(named.names)]
         best = min(tried, key=lambda t: penalised(search, t))
     for _ in range(2):
-        for t in stand_ins(search, best)[:1]:
-            tried.append(t)
-        best = min(tried, key=lambda t: penalised(search, t))
-        if search.gate(best).adequate:
+        if search.gate(best).adequate or best.stands_in and best.chi2 < (1 + NOISE_TOLERANCE) ** 2 * best.fit.samples:
             break
+        tried += stand_ins(search, best)[:1]
+        best = min(tried, key=lambda t: penalised(search, t))
     return best, search.gate(best)
 
 
@@ -330,11 +341,12 @@ def _exchanged(search: Search, trial: Trial) -> Trial:
 
 
 def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """For each effect found, what could stand in its place within `TWINS` of χ²."""
+    """For each effect found, what could stand in its place within `TWINS` of χ²; beside a force of any shape only what was tried there."""
     twins = {}
     for name in effects:
         added = frozenset(chosen.names) - {name}
-        close = [search.finish(t) for t in search.rivals(chosen, name) if t.chi2 < chosen.chi2 + CLOSE]
+        others = search.siblings(chosen, name) if chosen.stands_in else search.rivals(chosen, name)
+        close = [search.finish(t) for t in others if t.chi2 < chosen.chi2 + CLOSE]
         rivals = sorted((t.chi2, next(iter(frozenset(t.names) - added))) for t in close if t.chi2 < chosen.chi2 + TWINS)
         if rivals:
             twins[name] = tuple(n for _, n in rivals)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..estimation.fit import LEAST, Fit, chi_square, fit, growing, rough_fit
+from ..estimation.fit import Fit, Ladder, chi_square, fit, growing, rough_fit
 from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 from .smooth import covering, smoothed
@@ -111,28 +111,28 @@ def race(
         return replace(t, fit=fit(problem, t.fit.structure, t.fit.states, _continued(problem, t.fit), iterations))
 
     field: list[Trial] = []
-    reached, horizons = 0.0, growing(problem) if starts else []
-    while horizons:
-        part = problem.within(horizons[0])
-        tell(_told(field or starts, horizons[0]))
-        settle = len(horizons) > 1 or len(field) <= FEW  # over whole runs it costs most
-        if reached:
+    ladder = Ladder(growing(problem) if starts else [])
+    while ladder.horizons:
+        horizon = ladder.horizons[0]
+        part = problem.within(horizon)
+        tell(_told(field or starts, horizon))
+        settle = len(ladder.horizons) > 1 or len(field) <= FEW  # over whole runs it costs most
+        if ladder.reached:
             arrived = spread(lambda t, part=part, settle=settle: go_on(part, t, settle), field)
         else:
             arrived = spread(lambda s, part=part: begin(part, s), starts)
         new = _ranked(arrived)
         first_lost = not new or new[0].fit.rough or not arrived[0].cost < new[0].cost + BEATEN
-        if reached and first_lost and len(field) <= FEW and horizons[0] - reached > LEAST:
-            horizons.insert(0, 0.5 * (reached + horizons[0]))
+        if first_lost and len(field) <= FEW and ladder.halved():
             continue
         if new and new[0].fit.rough:
             new = _ranked(spread(lambda t, part=part: go_on(part, t), new[:FEW]))
         field = new
         if not field or field[0].fit.rough:  # none of them alone: longer horizons would only tell the same
             break
-        best = min(field[0].cost, _cost_within(problem, against, horizons[0]))
+        best = min(field[0].cost, _cost_within(problem, against, horizon))
         field = [t for i, t in enumerate(_distinct(_near_noise(field))) if t.cost < best + BEATEN or not against and i < FEW]
-        reached = horizons.pop(0)
+        ladder.climb()
     field = _ranked({_kind(t): t for t in reversed(field)}.values())[:SEVERAL]
     if field:
         tell(_told(field, np.inf))

@@ -118,12 +118,16 @@ class Search:
         return field
 
     def rivals(self, trial: Trial, name: str) -> list[Trial]:
-        """Trials with another effect in the place of one of a trial's, best first."""
+        """Trials with another effect in the place of one of a trial's, sought for; best first."""
         parent = self.without(trial, name)
-        key = frozenset(parent.names)
         self._once(self.sought, trial, lambda: self._seek_rivals(trial, name, parent), name)
-        found = [t for k, t in self.trials.items() if k > key and len(k) == len(key) + 1 and name not in k and not t.stands_in]
-        return sorted(found, key=lambda t: t.chi2)
+        return self.siblings(trial, name)
+
+    def siblings(self, trial: Trial, name: str) -> list[Trial]:
+        """Trials known with another effect, not a stand-in, in the place of one of a trial's; best first."""
+        rest = frozenset(trial.names) - {name}
+        found = ((k - rest, t) for k, t in self.trials.items() if k > rest and len(k) == len(rest) + 1 and name not in k)
+        return sorted((t for (other,), t in found if not other.startswith("stand_in")), key=lambda t: t.chi2)
 
     def _seek_rivals(self, trial: Trial, name: str, parent: Trial) -> None:
         key = frozenset(parent.names)

@@ -319,21 +319,39 @@ def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, 
     """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless, or only rough if it need not be
     ``thorough``; None where the runs are too short for any."""
     near, states, far = None, None, theta is None
-    reached, horizons = 0.0, growing(problem)[:-1]
-    while horizons:
-        part = problem.within(horizons[0])
+    ladder = Ladder(growing(problem)[:-1])
+    while ladder.horizons:
+        part = problem.within(ladder.horizons[0])
         step = rough_fit(part, structure, states, theta)
         if far and not step.chi2 < FAR_OFF * part.samples:
             step, far = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2), False
-        if step.rough and near and not near.rough and horizons[0] - reached > LEAST:
-            horizons.insert(0, 0.5 * (reached + horizons[0]))
+        if step.rough and near and not near.rough and ladder.halved():
             continue
         if np.isfinite(step.chi2):
             near, states, theta = step, step.states, step.theta
         if step.hopeless or step.rough and not thorough:
             break
-        reached = horizons.pop(0)
+        ladder.climb()
     return near
+
+
+@dataclass
+class Ladder:
+    """Horizons (s) yet to be fitted over, the next first, and the last that was."""
+
+    horizons: list[float]
+    reached: float = 0.0
+
+    def climb(self) -> None:
+        """On to the next."""
+        self.reached = self.horizons.pop(0)
+
+    def halved(self) -> bool:
+        """Go only halfway, for the next loses the runs; False where that is not worth a step any more, or nothing has been reached."""
+        if not self.reached or self.horizons[0] - self.reached <= LEAST:
+            return False
+        self.horizons.insert(0, 0.5 * (self.reached + self.horizons[0]))
+        return True
 
 
 def growing(problem: Problem) -> list[float]:
