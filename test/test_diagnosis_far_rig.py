@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis.diagnose import base_fit, diagnose
-from inductrack_ros.diagnosis.search import QUICK_FIRST, Search
+from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.diagnosis.seek import QUICK_FIRST
 
 MASS, GRAVITY, FALL, REST, DAMPING = 0.107, 9.81, 5.3e-3, 11.3e-3, 0.8  # kg, m/s², m, m, N·s/m
 NOMINAL_GAP = 10e-3

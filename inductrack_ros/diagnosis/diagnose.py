@@ -19,35 +19,18 @@ from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import support
-from .candidates import visible
 from .experiment import propose
-from .gate import NOISE_TOLERANCE, Gate
+from .gate import Gate
 from .race import Trial
 from .result import INTERRUPTED, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
-from .search import BEAM, QUICK_FIRST, QUICK_LATER, Search
+from .search import Search
+from .seek import CLOSE, find
 from .signatures import VARIABLES
-from .unknown import penalised, stand_ins
 
-#: Effects sought one after the other, at the most.
-MOST_EFFECTS = 3
 #: Rivals whose χ² after refitting is within this of the best cannot be told from it (chance of wronging the truth below 1 %).
 TWINS = 6.6
-#: Quick refits this close to the best are refitted in full before they are judged.
-CLOSE = 60.0
 #: Noise that was not given and turns out below this part of what was estimated beside the misfit: the search is done again, at most so often.
 SHARPER, ROUNDS = 0.95, 3
-#: Two sets whose residuals differ by less than this part of the misfit that either leaves are twins.
-SAME = 0.25
-#: An effect without which χ² is so much larger is not one to take back.
-NEEDED = 100.0
-#: Known effects are tried first where the best promises this part of what any force of one variable does.
-PREFER_KNOWN = 0.8
-#: Two of them also where, with one of the best so many, they promise this part of the whole misfit.
-NEARLY_ALL, FIRST_OF_TWO = 0.95, 8
-#: A known effect that explains this part of what a force of any shape does, which leaves more than noise too, is named before it.
-NAMED = 0.9
-#: Candidates beside a force of any shape that are refitted: near the noise first order says well which.
-BESIDE = 4
 #: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
 LEFT_OUT = 4
 
@@ -72,7 +55,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     for _ in range(ROUNDS):
         search = Search(problem, base, tell, workers)
         root = search.trials[frozenset(base.structure.effects)]
-        chosen, found_gate = _find(search, root, notes)
+        chosen, found_gate = find(search, root, notes)
         sigma = noise.from_residuals(problem, [p.residual for p in chosen.fit.linear], campaign.noise_std)
         if INTERRUPTED in notes or (sigma > SHARPER * problem.sigma).all():
             break
@@ -124,25 +107,6 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     )
 
 
-def _find(search: Search, root: Trial, notes: list[str]) -> tuple[Trial, Gate]:
-    """The set of effects that is the answer, and what the gate says of it; an interruption is noted."""
-    try:
-        gate = search.gate(root)
-        chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
-    except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
-        search.tell("interrupted: reporting what was found so far")
-        chosen = search.finish(min(search.trials.values(), key=lambda t: penalised(search, t)))
-        found_gate = search.gate(chosen)
-        notes.append(INTERRUPTED)
-    if len(chosen.names) > len(root.names) + 1:
-        chosen = _prune(search, chosen)
-        better = _exchanged(search, chosen)
-        if better is not chosen and (search.gate(better).adequate or not found_gate.adequate):
-            chosen = better
-        found_gate = search.gate(chosen)
-    return chosen, found_gate
-
-
 def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ...]]:
     """The problem with its noise, the fit of the model as it is, and the parameters that the data cannot determine."""
     guess = noise.from_samples(campaign) | dict(campaign.noise_std)
@@ -168,176 +132,6 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
         problem = problem.with_sigma(noise.from_residuals(problem, [p.residual for p in base.linear], campaign.noise_std))
         base = fit(problem, structure, base.states, base.theta)
     return problem, base, undetermined
-
-
-def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
-    """The cheapest set of effects that leaves noise; with a stand-in in it where nothing known does."""
-    singles = _grown(search, root, QUICK_FIRST)
-    if passing := _passing(search, singles):
-        return passing
-    tried = [root]
-
-    def unknown() -> tuple[Trial, Gate] | None:
-        for start in [root, *singles[:1]]:
-            found = stand_ins(search, start)[:1]
-            tried.extend(found)
-            if passing := _passing(search, found) or beside(found):
-                return passing
-        return None
-
-    def beside(found: list[Trial]) -> tuple[Trial, Gate] | None:
-        for _ in range(MOST_EFFECTS - 1):
-            if not found or found[0].fit.rough:
-                return None
-            found = _grown(search, found[0], BESIDE)
-            if passing := _passing(search, found):
-                return passing
-            tried.extend(found[:1])
-        return None
-
-    ways = [unknown]
-    if not (_points_to_known(search, singles[0] if singles else root) or _two_explain(search, root)):
-        if result := ways.pop()():
-            return result
-    beam = _varied(singles)
-    for _ in range(MOST_EFFECTS - 1):
-        reached = max(map(search.reach, beam), default=0.0)
-        grown: list[Trial] = []
-        for trial in beam:
-            grown = _grown(search, trial, QUICK_LATER, grown)
-            if passing := _passing(search, grown):
-                return passing
-        beam = _varied(grown)
-        if not beam or beam[0].fit.hopeless and max(map(search.reach, beam)) <= reached:  # not what throws the runs off
-            tried.extend(beam)
-            break
-        beam[0] = _exchanged(search, search.finish(beam[0]))
-        tried.append(beam[0])
-        if passing := _passing(search, beam[:1]):
-            return passing
-        if ways and beam[0].fit.rough and (result := ways.pop()()):  # what is missing most may be none of the known
-            return result
-    if ways and (result := ways.pop()()):
-        return result
-    # Neither alone: one more unknown force beside the best there is.
-    best = min(tried, key=lambda t: penalised(search, t))
-    if named := _named(search, root, best):
-        tried = [t for t in (named, *tried) if set(t.names) >= set(named.names)]
-        best = min(tried, key=lambda t: penalised(search, t))
-    for _ in range(2):
-        if search.gate(best).adequate or best.stands_in and best.chi2 < (1 + NOISE_TOLERANCE) ** 2 * best.fit.samples:
-            break
-        tried += stand_ins(search, best)[:1]
-        best = min(tried, key=lambda t: penalised(search, t))
-    return best, search.gate(best)
-
-
-def _named(search: Search, root: Trial, best: Trial) -> Trial | None:
-    """The smallest set of known effects that explains nearly all that the best does, where that is but a force of any shape.
-
-    Such a force follows one run, or many that are alike, whatever the reason, and where it too leaves more than noise nothing speaks for it.
-    """
-    if not best.stands_in or any(not n.startswith("stand_in") for n in best.names if n not in root.names):
-        return None
-    wanted = root.chi2 - NAMED * (root.chi2 - best.chi2)
-    known = [t for names, t in search.trials.items() if names > frozenset(root.names) and not t.stands_in and t.chi2 < wanted]
-    return search.finish(min(known, key=lambda t: (len(t.names), t.chi2))) if known else None
-
-
-def _grown(search: Search, trial: Trial, limit: int, beside: Sequence[Trial] = ()) -> list[Trial]:
-    """All significant sets one effect larger and those ``beside``, each once, cheapest first."""
-    grown = {frozenset(t.names): t for t in beside}
-    for t in search.grow(trial, limit):
-        key = frozenset(t.names)
-        if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
-            grown[key] = t
-    return sorted(grown.values(), key=lambda t: penalised(search, t))
-
-
-def _varied(ranked: Sequence[Trial]) -> list[Trial]:
-    """The cheapest sets, `BEAM` of them, without those that leave the same misfit as a cheaper one: a twin leads nowhere new."""
-    beam: list[Trial] = []
-    for trial in ranked:
-        excess = trial.chi2 - trial.fit.samples
-        if len(beam) < BEAM and all(_apart(trial, t) > SAME * min(excess, t.chi2 - t.fit.samples) for t in beam):
-            beam.append(trial)
-    return beam
-
-
-def _apart(one: Trial, other: Trial) -> float:
-    """Squared difference of two sets' residuals over noise."""
-    return sum(float(np.nansum((a.residual - b.residual) ** 2)) for a, b in zip(one.fit.linear, other.fit.linear, strict=True))
-
-
-def _passing(search: Search, ranked: list[Trial]) -> tuple[Trial, Gate] | None:
-    """The first of the two cheapest, which are refitted in place, that leaves nothing but noise."""
-    ranked[:2] = sorted((search.finish(t) for t in ranked[:2]), key=lambda t: penalised(search, t))
-    for t in ranked[:2]:
-        if (gate := search.gate(t)).adequate:
-            return t, gate
-    return None
-
-
-def _points_to_known(search: Search, trial: Trial) -> bool:
-    """Whether what is left looks, to first order, more like a known effect than like a force of some other law."""
-    look = search.near(trial)[0]
-    known = max((s.promise for s in look.screened), default=0.0)
-    price = np.log(look.fit.samples)
-    force = max((t.statistic - t.dof * price for t in look.gate.tests if t.name.startswith("force in ")), default=0.0)
-    return known > PREFER_KNOWN * force
-
-
-def _two_explain(search: Search, trial: Trial) -> bool:
-    """Whether two candidates together promise nearly all of the misfit: drag and a slope, say, are one force of the speed too."""
-    look = search.near(trial)[0]
-    project = look.project
-    signatures = [c for s in look.screened if (c := visible(project, s.columns)).shape[1]]
-    wanted = NEARLY_ALL * (look.fit.chi2 - look.fit.samples)
-    for i, one in enumerate(signatures[:FIRST_OF_TWO]):
-        q = np.linalg.qr(one)[0]
-        first, rest = q.T @ project.residual, project.residual - q @ (q.T @ project.residual)
-        for other in signatures[i + 1 :]:
-            second = np.linalg.qr(other - q @ (q.T @ other))[0].T @ rest
-            if first @ first + second @ second > wanted:
-                return True
-    return False
-
-
-def _significant(search: Search, trial: Trial, parent: Trial) -> bool:
-    """Whether the last effect takes more off χ² than chance would, its rivals counted."""
-    s = next((s for s in search.screened(parent) if s.candidate.name == trial.names[-1]), None)
-    return s is None or parent.chi2 - trial.chi2 > s.candidate.threshold(len(search.screened(parent)))
-
-
-def _prune(search: Search, trial: Trial) -> Trial:
-    """Backward pass: whatever can go without the rest failing goes."""
-    start = search.trials[frozenset(search.base.structure.effects)]
-    for name in trial.names:
-        if name in start.names or len(trial.names) == 1:
-            continue
-        smaller = search.without(trial, name)
-        if smaller.chi2 > trial.chi2 + NEEDED:
-            continue
-        if search.gate(smaller).adequate or penalised(search, smaller) <= penalised(search, trial) and not _named(search, start, smaller):
-            return _prune(search, smaller)
-    return trial
-
-
-def _exchanged(search: Search, trial: Trial) -> Trial:
-    """The trial with its effects exchanged, one at a time, as long as another in its place explains more.
-
-    The first effects were chosen while the later ones were still missing, and may have stood in for them. Beside a force that
-    stands in for anything there is nothing to be learned from that.
-    """
-    if trial.stands_in:
-        return trial
-    for name in [n for n in trial.names if n not in search.base.structure.effects]:
-        for other in search.rivals(trial, name)[:1]:
-            if other.chi2 < trial.chi2 + CLOSE:
-                other = search.finish(other)
-            if penalised(search, other) < penalised(search, trial):
-                return _exchanged(search, other)
-    return trial
 
 
 def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, tuple[str, ...]]:

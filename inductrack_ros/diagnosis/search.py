@@ -19,8 +19,8 @@ from .gate import Gate, Projector
 from .look import Look
 from .race import SEVERAL, Start, Trial, race
 
-#: Candidates that get one step of a refit at first and later, and a refit to convergence; sets kept at each size.
-QUICK_FIRST, QUICK_LATER, FULL, BEAM = 24, 12, 4, 2
+#: Candidates in a later effect's place that get one step of a refit; those refitted to convergence.
+QUICK_LATER, FULL = 12, 4
 #: What a candidate must promise beyond the best to be worth another try.
 MARGIN = 6.6
 #: Effects whose signatures, the nuisance projected out, are as parallel as this are tried in each other's place.

@@ -1,0 +1,225 @@
+"""The set of effects that is the answer: single ones, a force of any shape, pairs, triples, whatever leaves nothing but noise first.
+
+Then a backward pass takes out what is not needed, and effects are exchanged for what explains more in their place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .candidates import visible
+from .gate import NOISE_TOLERANCE, Gate
+from .race import Trial
+from .result import INTERRUPTED
+from .search import QUICK_LATER, Search
+from .unknown import penalised, stand_ins
+
+#: Candidates tried as the first effect; sets kept at each size.
+QUICK_FIRST, BEAM = 24, 2
+#: Effects sought one after the other, at the most.
+MOST_EFFECTS = 3
+#: Two sets whose residuals differ by less than this part of the misfit that either leaves are twins.
+SAME = 0.25
+#: An effect without which χ² is so much larger is not one to take back.
+NEEDED = 100.0
+#: Known effects are tried first where the best promises this part of what any force of one variable does.
+PREFER_KNOWN = 0.8
+#: Two of them also where, with one of the best so many, they promise this part of the whole misfit.
+NEARLY_ALL, FIRST_OF_TWO = 0.95, 8
+#: A known effect that explains this part of what a force of any shape does, which leaves more than noise too, is named before it.
+NAMED = 0.9
+#: Candidates beside a force of any shape that are refitted: near the noise first order says well which.
+BESIDE = 4
+#: Quick refits this close to the best are refitted in full before they are judged.
+CLOSE = 60.0
+
+
+def find(search: Search, root: Trial, notes: list[str]) -> tuple[Trial, Gate]:
+    """The set of effects that is the answer, and what the gate says of it; an interruption goes to ``notes``."""
+    try:
+        gate = search.gate(root)
+        chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
+    except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
+        search.tell("interrupted: reporting what was found so far")
+        chosen = search.finish(min(search.trials.values(), key=lambda t: penalised(search, t)))
+        found_gate = search.gate(chosen)
+        notes.append(INTERRUPTED)
+    if len(chosen.names) > len(root.names) + 1:
+        chosen = _prune(search, chosen)
+        better = _exchanged(search, chosen)
+        if better is not chosen and (search.gate(better).adequate or not found_gate.adequate):
+            chosen = better
+        found_gate = search.gate(chosen)
+    return chosen, found_gate
+
+
+def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
+    """The cheapest set of effects that leaves noise; with a stand-in in it where nothing known does."""
+    singles = _grown(search, root, QUICK_FIRST)
+    if passing := _passing(search, singles):
+        return passing
+    tried = [root]
+    unknown_first = not (_points_to_known(search, singles[0] if singles else root) or _two_explain(search, root))
+    if unknown_first and (found := _force_of_any_shape(search, [root, *singles[:1]], tried)):
+        return found
+    beam, unknown_tried = _varied(singles), unknown_first
+    for _ in range(MOST_EFFECTS - 1):
+        reached = max(map(search.reach, beam), default=0.0)
+        grown: list[Trial] = []
+        for trial in beam:
+            grown = _grown(search, trial, QUICK_LATER, grown)
+            if passing := _passing(search, grown):
+                return passing
+        beam = _varied(grown)
+        if not beam or beam[0].fit.hopeless and max(map(search.reach, beam)) <= reached:  # not what throws the runs off
+            tried.extend(beam)
+            break
+        beam[0] = _exchanged(search, search.finish(beam[0]))
+        tried.append(beam[0])
+        if passing := _passing(search, beam[:1]):
+            return passing
+        if beam[0].fit.rough and not unknown_tried:  # what is missing most may be none of the known
+            unknown_tried = True
+            if found := _force_of_any_shape(search, [root, *singles[:1]], tried):
+                return found
+    if not unknown_tried and (found := _force_of_any_shape(search, [root, *singles[:1]], tried)):
+        return found
+    return _least(search, root, tried)
+
+
+def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Trial]) -> tuple[Trial, Gate] | None:
+    """A stand-in that leaves noise, or does with known effects beside it; what was tried goes to ``tried``."""
+    for start in starts:
+        found: list[Trial] = []
+        for known in range(MOST_EFFECTS):
+            found = _grown(search, found[0], BESIDE) if known else stand_ins(search, start)[:1]
+            if passing := _passing(search, found):
+                return passing
+            tried.extend(found[:1])
+            if not found or found[0].fit.rough:
+                break
+    return None
+
+
+def _least(search: Search, root: Trial, tried: Sequence[Trial]) -> tuple[Trial, Gate]:
+    """Where no set leaves noise: the best there is, with one more unknown force beside it."""
+    best = min(tried, key=lambda t: penalised(search, t))
+    if named := _named(search, root, best):
+        tried = [t for t in (named, *tried) if set(t.names) >= set(named.names)]
+        best = min(tried, key=lambda t: penalised(search, t))
+    for _ in range(2):
+        if search.gate(best).adequate or best.stands_in and best.chi2 < (1 + NOISE_TOLERANCE) ** 2 * best.fit.samples:
+            break
+        tried = [*tried, *stand_ins(search, best)[:1]]
+        best = min(tried, key=lambda t: penalised(search, t))
+    return best, search.gate(best)
+
+
+def _named(search: Search, root: Trial, best: Trial) -> Trial | None:
+    """The smallest set of known effects that explains nearly all that the best does, where that is but a force of any shape.
+
+    Such a force follows one run, or many that are alike, whatever the reason, and where it too leaves more than noise nothing speaks for it.
+    """
+    if not best.stands_in or any(not n.startswith("stand_in") for n in best.names if n not in root.names):
+        return None
+    wanted = root.chi2 - NAMED * (root.chi2 - best.chi2)
+    known = [t for names, t in search.trials.items() if names > frozenset(root.names) and not t.stands_in and t.chi2 < wanted]
+    return search.finish(min(known, key=lambda t: (len(t.names), t.chi2))) if known else None
+
+
+def _grown(search: Search, trial: Trial, limit: int, beside: Sequence[Trial] = ()) -> list[Trial]:
+    """All significant sets one effect larger and those ``beside``, each once, cheapest first."""
+    grown = {frozenset(t.names): t for t in beside}
+    for t in search.grow(trial, limit):
+        key = frozenset(t.names)
+        if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
+            grown[key] = t
+    return sorted(grown.values(), key=lambda t: penalised(search, t))
+
+
+def _varied(ranked: Sequence[Trial]) -> list[Trial]:
+    """The cheapest sets, `BEAM` of them, without those that leave the same misfit as a cheaper one: a twin leads nowhere new."""
+    beam: list[Trial] = []
+    for trial in ranked:
+        excess = trial.chi2 - trial.fit.samples
+        if len(beam) < BEAM and all(_apart(trial, t) > SAME * min(excess, t.chi2 - t.fit.samples) for t in beam):
+            beam.append(trial)
+    return beam
+
+
+def _apart(one: Trial, other: Trial) -> float:
+    """Squared difference of two sets' residuals over noise."""
+    return sum(float(np.nansum((a.residual - b.residual) ** 2)) for a, b in zip(one.fit.linear, other.fit.linear, strict=True))
+
+
+def _passing(search: Search, ranked: list[Trial]) -> tuple[Trial, Gate] | None:
+    """The first of the two cheapest, which are refitted in place, that leaves nothing but noise."""
+    ranked[:2] = sorted((search.finish(t) for t in ranked[:2]), key=lambda t: penalised(search, t))
+    for t in ranked[:2]:
+        if (gate := search.gate(t)).adequate:
+            return t, gate
+    return None
+
+
+def _points_to_known(search: Search, trial: Trial) -> bool:
+    """Whether what is left looks, to first order, more like a known effect than like a force of some other law."""
+    look = search.near(trial)[0]
+    known = max((s.promise for s in look.screened), default=0.0)
+    price = np.log(look.fit.samples)
+    force = max((t.statistic - t.dof * price for t in look.gate.tests if t.name.startswith("force in ")), default=0.0)
+    return known > PREFER_KNOWN * force
+
+
+def _two_explain(search: Search, trial: Trial) -> bool:
+    """Whether two candidates together promise nearly all of the misfit: drag and a slope, say, are one force of the speed too."""
+    look = search.near(trial)[0]
+    project = look.project
+    signatures = [c for s in look.screened if (c := visible(project, s.columns)).shape[1]]
+    wanted = NEARLY_ALL * (look.fit.chi2 - look.fit.samples)
+    for i, one in enumerate(signatures[:FIRST_OF_TWO]):
+        q = np.linalg.qr(one)[0]
+        first, rest = q.T @ project.residual, project.residual - q @ (q.T @ project.residual)
+        for other in signatures[i + 1 :]:
+            second = np.linalg.qr(other - q @ (q.T @ other))[0].T @ rest
+            if first @ first + second @ second > wanted:
+                return True
+    return False
+
+
+def _significant(search: Search, trial: Trial, parent: Trial) -> bool:
+    """Whether the last effect takes more off χ² than chance would, its rivals counted."""
+    s = next((s for s in search.screened(parent) if s.candidate.name == trial.names[-1]), None)
+    return s is None or parent.chi2 - trial.chi2 > s.candidate.threshold(len(search.screened(parent)))
+
+
+def _prune(search: Search, trial: Trial) -> Trial:
+    """Backward pass: whatever can go without the rest failing goes."""
+    start = search.trials[frozenset(search.base.structure.effects)]
+    for name in trial.names:
+        if name in start.names or len(trial.names) == 1:
+            continue
+        smaller = search.without(trial, name)
+        if smaller.chi2 > trial.chi2 + NEEDED:
+            continue
+        if search.gate(smaller).adequate or penalised(search, smaller) <= penalised(search, trial) and not _named(search, start, smaller):
+            return _prune(search, smaller)
+    return trial
+
+
+def _exchanged(search: Search, trial: Trial) -> Trial:
+    """The trial with its effects exchanged, one at a time, as long as another in its place explains more.
+
+    The first effects were chosen while the later ones were still missing, and may have stood in for them. Beside a force that
+    stands in for anything there is nothing to be learned from that.
+    """
+    if trial.stands_in:
+        return trial
+    for name in [n for n in trial.names if n not in search.base.structure.effects]:
+        for other in search.rivals(trial, name)[:1]:
+            if other.chi2 < trial.chi2 + CLOSE:
+                other = search.finish(other)
+            if penalised(search, other) < penalised(search, trial):
+                return _exchanged(search, other)
+    return trial
