@@ -23,7 +23,7 @@ from .race import SEVERAL, Start, Trial, race
 QUICK_LATER, FULL = 12, 4
 #: What a candidate must promise beyond the best to be worth another try.
 MARGIN = 6.6
-#: Effects whose signatures, the nuisance projected out, are as parallel as this are tried in each other's place.
+#: Effects that, the nuisance projected out, do to the measurements what another does, as parallel as this, are tried in its place.
 ALIKE = 0.95
 
 
@@ -146,21 +146,23 @@ class Search:
         mine = [k for k, full in enumerate(f.structure.free) if full.rpartition(".")[0] == name]
         project = Projector(self.problem, f, leave=mine)
         if mine:
-            parts = [part.by_theta[:, mine] for part in f.linear]
-            nothing = self.base.structure.plus(name).start[-len(mine) :]
-            made = [part @ (f.theta[mine] - nothing)[:, None] for part in parts]
+            nothing = 0.0 if name.startswith("stand_in") else self.base.structure.plus(name).start[-len(mine) :]
+            made = [part.by_theta[:, mine] @ (f.theta[mine] - nothing)[:, None] for part in f.linear]
         else:
-            made = parts = switch_columns(self.problem, f, self.look(trial).responses, name)
-        own = visible(project, parts)
-        own /= np.linalg.norm(own, axis=0)
+            made = switch_columns(self.problem, f, self.look(trial).responses, name)
         wanted = project(project.stack(made))[:, 0]
         found = []
         for s in self.screened(trial):
             other = visible(project, s.columns)
-            cosines = own.T @ (other / np.linalg.norm(other, axis=0))
-            if cosines.size and np.linalg.norm(cosines, 2) > ALIKE:
+            if np.linalg.norm(np.linalg.qr(other)[0].T @ wanted) > ALIKE * np.linalg.norm(wanted):
                 found.append((s, np.linalg.lstsq(project(project.stack(s.columns)), wanted, rcond=1e-6)[0]))
         return found
+
+    def recognise(self, trial: Trial, name: str) -> list[Trial]:
+        """Trials with a known effect that does the same to the measurements in the place of one of a trial's; best first."""
+        for screened, size in self._alike(trial, name):
+            self._exchange(trial, name, screened, size)
+        return self.siblings(trial, name)
 
     def _exchange(self, trial: Trial, name: str, screened: Screened, size: np.ndarray) -> None:
         """Try a candidate in the place of a trial's effect from where the trial stands, for a start from scratch may end elsewhere."""
@@ -176,7 +178,8 @@ class Search:
             return
         new = fit(self.problem, structure, new.states, new.theta, settle=True)
         if np.isfinite(new.chi2):
-            self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, trial.freedom))
+            freedom = {n: price for n, price in trial.freedom.items() if n != name}
+            self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, freedom))
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the workers."""

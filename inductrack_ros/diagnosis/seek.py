@@ -27,11 +27,11 @@ NEEDED = 100.0
 #: Known effects are tried first where the best promises this part of what any force of one variable does.
 PREFER_KNOWN = 0.8
 #: Two of them also where, with one of the best so many, they promise this part of the whole misfit.
-NEARLY_ALL, FIRST_OF_TWO = 0.95, 8
-#: A known effect that explains this part of what a force of any shape does, which leaves more than noise too, is named before it.
-NAMED = 0.9
-#: Candidates beside a force of any shape that are refitted: near the noise first order says well which.
-BESIDE = 4
+TWO_EXPLAIN, FIRST_OF_TWO = 0.95, 8
+#: This part of the misfit, or of what another takes off it, is nearly all.
+NEARLY = 0.9
+#: Candidates beside a force of any shape that are refitted, where that leaves at most so many times the noise: first order says well which.
+BESIDE, NEAR = 4, 3.0
 #: Quick refits this close to the best are refitted in full before they are judged.
 CLOSE = 60.0
 
@@ -66,6 +66,8 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         return found
     beam, unknown_tried = _varied(singles), unknown_first
     for _ in range(MOST_EFFECTS - 1):
+        if any(t.stands_in and _explains(t, root) for t in tried):
+            break
         reached = max(map(search.reach, beam), default=0.0)
         grown: list[Trial] = []
         for trial in beam:
@@ -89,6 +91,12 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     return _least(search, root, tried)
 
 
+def _explains(trial: Trial, root: Trial, best: float | None = None) -> bool:
+    """Whether a trial takes nearly all off the misfit, or nearly as much as one with a χ² of ``best`` does."""
+    best = trial.fit.samples if best is None else best
+    return trial.chi2 < root.chi2 - NEARLY * (root.chi2 - best)
+
+
 def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Trial]) -> tuple[Trial, Gate] | None:
     """A stand-in that leaves noise, or does with known effects beside it; what was tried goes to ``tried``."""
     for start in starts:
@@ -96,11 +104,22 @@ def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Tri
         for known in range(MOST_EFFECTS):
             found = _grown(search, found[0], BESIDE) if known else stand_ins(search, start)[:1]
             if passing := _passing(search, found):
-                return passing
+                return _recognised(search, *passing)
             tried.extend(found[:1])
-            if not found or found[0].fit.rough:
+            if not found or found[0].chi2 > NEAR * found[0].fit.samples or not _explains(found[0], starts[0]):
                 break
+        if known:  # a known one before it is not what is lacking
+            break
     return None
+
+
+def _recognised(search: Search, trial: Trial, gate: Gate) -> tuple[Trial, Gate]:
+    """The trial, or one with a known effect in the place of its stand-in if that leaves noise too."""
+    name = next(n for n in trial.names if n.startswith("stand_in"))
+    for other in search.recognise(trial, name)[:1]:
+        if penalised(search, other) < penalised(search, trial) and (found := search.gate(other)).adequate:
+            return other, found
+    return trial, gate
 
 
 def _least(search: Search, root: Trial, tried: Sequence[Trial]) -> tuple[Trial, Gate]:
@@ -124,8 +143,8 @@ def _named(search: Search, root: Trial, best: Trial) -> Trial | None:
     """
     if not best.stands_in or any(not n.startswith("stand_in") for n in best.names if n not in root.names):
         return None
-    wanted = root.chi2 - NAMED * (root.chi2 - best.chi2)
-    known = [t for names, t in search.trials.items() if names > frozenset(root.names) and not t.stands_in and t.chi2 < wanted]
+    others = (t for names, t in search.trials.items() if names > frozenset(root.names) and not t.stands_in)
+    known = [t for t in others if _explains(t, root, best.chi2)]
     return search.finish(min(known, key=lambda t: (len(t.names), t.chi2))) if known else None
 
 
@@ -177,7 +196,7 @@ def _two_explain(search: Search, trial: Trial) -> bool:
     look = search.near(trial)[0]
     project = look.project
     signatures = [c for s in look.screened if (c := visible(project, s.columns)).shape[1]]
-    wanted = NEARLY_ALL * (look.fit.chi2 - look.fit.samples)
+    wanted = TWO_EXPLAIN * (look.fit.chi2 - look.fit.samples)
     for i, one in enumerate(signatures[:FIRST_OF_TWO]):
         q = np.linalg.qr(one)[0]
         first, rest = q.T @ project.residual, project.residual - q @ (q.T @ project.residual)

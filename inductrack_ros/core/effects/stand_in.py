@@ -4,6 +4,7 @@ A diagnosis that finds a misfit no effect explains puts one of these in the mode
 the physics is sought. They explain nothing, and they are not in the ranking.
 """
 
+import numba
 import numpy as np
 
 from . import Parameter, effect
@@ -49,10 +50,19 @@ def curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate,
     return total
 
 
+@numba.njit(cache=True, nogil=True)
 def basis(values, start, step, count):
-    """The curve's basis functions at ``values`` (n,), as (n, count)."""
-    u = np.abs(np.clip((values - start) / step, 0.0, count - 1.0)[:, None] - np.arange(count))
-    return np.where(u < 1, 2 / 3 - u**2 + u**3 / 2, np.where(u < 2, (2 - u) ** 3 / 6, 0.0))
+    """The curve's basis functions at ``values`` (n,), as (n, count); none where a value is not a number."""
+    out = np.zeros((values.size, count))
+    for k in range(values.size):
+        if np.isnan(values[k]):
+            continue
+        u = min(max((values[k] - start) / step, 0.0), count - 1.0)
+        first = int(u)
+        for j in range(max(first - 1, 0), min(first + 2, count - 1) + 1):
+            d = abs(u - j)
+            out[k, j] = 2.0 / 3.0 - d * d + 0.5 * d * d * d if d < 1.0 else max(2.0 - d, 0.0) ** 3 / 6.0
+    return out
 
 
 def _parameters(unit, typical):
