@@ -137,15 +137,15 @@ def _least(search: Search, root: Trial, tried: Sequence[Trial]) -> tuple[Trial, 
 
 
 def _named(search: Search, root: Trial, best: Trial) -> Trial | None:
-    """The smallest set of known effects that explains nearly all that the best does, where that is but a force of any shape.
+    """The smallest set of known effects that explains nearly all that the best does, where that is a force of any shape and lacks them.
 
     Such a force follows one run, or many that are alike, whatever the reason, and where it too leaves more than noise nothing speaks for it.
     """
-    if not best.stands_in or any(not n.startswith("stand_in") for n in best.names if n not in root.names):
-        return None
     others = (t for names, t in search.trials.items() if names > frozenset(root.names) and not t.stands_in)
     known = [t for t in others if _explains(t, root, best.chi2)]
-    return search.finish(min(known, key=lambda t: (len(t.names), t.chi2))) if known else None
+    if not known or not best.stands_in or any(set(t.names) <= set(best.names) for t in known):
+        return None
+    return search.finish(min(known, key=lambda t: (len(t.names), t.chi2)))
 
 
 def _grown(search: Search, trial: Trial, limit: int, beside: Sequence[Trial] = ()) -> list[Trial]:
