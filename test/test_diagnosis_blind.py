@@ -9,6 +9,8 @@ from independent import campaigns
 from inductrack_ros.core.model import Model
 from inductrack_ros.data.campaign import load_campaign
 from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.diagnosis.unknown import stand_ins
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -49,6 +51,23 @@ def test_a_force_of_the_speed_that_looks_straight_at_first():
     row = run(14028, None)
     assert row["right"], row
     assert row["found_unknown"] == ["sway", ["surge_rate"]]
+
+
+def test_a_faint_known_effect_beside_a_strong_unknown_force():
+    """Once the force is stood in for, first order says what else is missing: a drag, not a second unknown."""
+    row = run(15045, None)
+    assert row["right"], row
+    assert row["found"] == ["aerodynamic_drag"] and row["found_unknown"] == ["sway", ["surge"]]
+
+
+def test_a_force_of_any_shape_that_does_what_a_known_effect_does(tmp_path):
+    """Heave damping is a force in heave on heave_rate, and is recognised there."""
+    assert campaigns.write_campaign(tmp_path / "rig", 16013)["effects"] == ["heave_damping"]
+    problem, base, _ = base_fit(load_campaign(tmp_path / "rig"), Model.default())
+    search = Search(problem, base)
+    force = stand_ins(search, search.trials[frozenset()])[0]
+    assert force.label == "stand_in_heave" and search.gate(force).adequate
+    assert search.recognise(force, force.label)[0].label == "heave_damping"
 
 
 def test_impacts_in_the_first_moments_of_runs_with_accelerometers(tmp_path):
