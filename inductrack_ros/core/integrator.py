@@ -13,7 +13,7 @@ held, it does not rattle about zero speed.
 ``groups`` has a bit for each group of effects of which any is on, ``free`` are the coordinates that move now and pt,
 pp, pc the pulses' times, places and currents.
 
-All but the two entry points are compiled without numba's reference counting, which took half the time: they own no
+All but the three entry points are compiled without numba's reference counting, which took half the time: they own no
 array, so work space comes from the entry point. ``PADDED`` is N_STATES rounded up to whole vector registers.
 """
 
@@ -265,6 +265,20 @@ def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, lo
     work, touching = np.empty((9, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     for job in range(x.shape[0]):
         integrate(times, t0, x[job], P[job], on[job], moving, origin[job], averaged, pt, pp, pc, longest, work, touching, out[job])
+
+
+def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
+    """States at the end of each interval between ``times`` (n,) from the one in x (n−1, N_STATES) at its beginning, moved by each row of
+    ``offsets`` (jobs, N_STATES): ``out`` is (n−1, jobs, 8)."""
+    work, touching = np.empty((9, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
+    state, row = np.empty(N_STATES), np.empty((1, 15))
+    for k in range(x.shape[0]):
+        for job in range(offsets.shape[0]):
+            for i in range(N_STATES):
+                state[i] = x[k, i] + offsets[job, i]
+            integrate(times[k + 1 : k + 2], times[k], state, P, on, moving, origin, averaged, pt, pp, pc, longest, work, touching, row)
+            for i in range(8):
+                out[k, job, i] = row[0, i]
 
 
 def evaluate(t, x, P, on, moving, origin, averaged, pt, pp, pc, dx, q):

@@ -92,23 +92,17 @@ def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> n
     n_states = len(model.kernel.states)
     free = np.array([s.removesuffix("_rate") in MOVING[dof] for s in STATES])
     moved = np.flatnonzero(free | (np.arange(8) == 0))
-    jobs = 1 + len(moved)
-    Ps, on = np.tile(P, (jobs, 1)), np.tile(model.switches, (jobs, 1))
-    origin = np.full(jobs, float(outputs[0, 0]))
-    out = np.empty((jobs, 1, len(OUTPUTS)))
     result = np.tile(np.eye(8), (len(grid) - 1, 1, 1))
-    offsets = np.zeros((jobs, n_states))
-    for k, s in enumerate(moved):
-        offsets[1 + k, s] = STATE_STEPS[s]
-    base = np.zeros(n_states)
-    carries = n_states > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects)
-    for k in range(len(grid) - 1):
-        base[:8] = outputs[k, :8]
-        if not np.isfinite(base).all():
-            break
-        x = (model.with_effect_states(base, grid[k]) if carries else base) + offsets
-        model.kernel.simulate_batch(
-            grid[k + 1 : k + 2], grid[k], x, Ps, on, model.moving, origin, data.averaged, *data.pulses, 1.0, out
-        )
-        result[k][:, moved] = ((out[1:, 0, :8] - out[0, 0, :8]) / STATE_STEPS[moved, None]).T
+    finite = np.isfinite(outputs[:-1, :8]).all(axis=1)
+    known = int(finite.argmin()) if not finite.all() else len(finite)  # grid points before a run left all bounds
+    x = np.zeros((known, n_states))
+    x[:, :8] = outputs[:known, :8]
+    if n_states > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects):
+        for k in range(known):
+            x[k] = model.with_effect_states(x[k], grid[k])
+    offsets = np.zeros((1 + len(moved), n_states))
+    offsets[1 + np.arange(len(moved)), moved] = STATE_STEPS[moved]
+    out = np.empty((known, len(offsets), 8))
+    model.kernel.simulate_pieces(grid, x, offsets, P, model.switches, model.moving, float(outputs[0, 0]), data.averaged, *data.pulses, 1.0, out)
+    result[:known][:, :, moved] = ((out[:, 1:] - out[:, :1]) / STATE_STEPS[moved, None]).transpose(0, 2, 1)
     return result
