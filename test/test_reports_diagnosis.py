@@ -103,6 +103,7 @@ ALL = {
     "two": lambda: made((DRAG, DELAY)),
     "confused": confused,
     "unknown": unknown,
+    "one and an unknown": lambda: replace(unknown(), effects=(DRAG,)),
 }
 
 
@@ -114,6 +115,10 @@ ALL = {
         ("two", "Missing: aerodynamic drag and delay of the heave sensor. With them, what is left is noise."),
         ("confused", "Missing: aerodynamic drag or skin friction drag. With it, what is left is noise."),
         ("unknown", "No known effect explains a vertical force that depends on the place along the track."),
+        (
+            "one and an unknown",
+            "Missing: aerodynamic drag. Besides, a vertical force that depends on the place along the track and that no known effect explains.",
+        ),
     ],
 )
 def test_the_answer_is_one_sentence(which, sentence):

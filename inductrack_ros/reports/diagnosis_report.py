@@ -81,12 +81,13 @@ def verdict(result: Diagnosis) -> str:
         return f"Interrupted while searching. Best found until then: {listed(found) or 'nothing yet'}."
     if result.verdict == "missing_effect":
         return f"Missing: {listed(found)}. With {'it' if len(found) == 1 else 'them'}, what is left is noise."
-    beyond = f" beyond {listed(found)}" if found else ""
+    missing = f"Missing: {listed(found)}. "
     if result.unknown is None:
-        return f"Something is missing{beyond} that no known effect explains."
+        return f"{missing if found else ''}Something {'more ' if found else ''}is missing that no known effect explains."
     depends = listed([_DEPENDS[d][0] for d in result.unknown.depends_on])
     on = f" that depends on {depends}" if depends else ""
-    return f"No known effect explains {_FORCE[result.unknown.channel]}{on}{beyond}."
+    force = f"{_FORCE[result.unknown.channel]}{on}"
+    return f"{missing}Besides, {force} and that no known effect explains." if found else f"No known effect explains {force}."
 
 
 def addition(result: Diagnosis) -> str:
