@@ -28,8 +28,9 @@ NEEDED = 100.0
 PREFER_KNOWN = 0.8
 #: Two of them also where, with one of the best so many, they promise this part of the whole misfit.
 TWO_EXPLAIN, FIRST_OF_TWO = 0.95, 8
-#: This part of the misfit, or of what another takes off it, is nearly all.
-NEARLY = 0.9
+#: This part of the misfit, or of what another takes off it, is nearly all; with less than this a known effect is not what a force of any
+#: shape that takes nearly all stands for.
+NEARLY, MUCH = 0.9, 0.5
 #: Candidates beside a force of any shape that are refitted, where that leaves at most so many times the noise: first order says well which.
 BESIDE, NEAR = 4, 3.0
 #: Quick refits this close to the best are refitted in full before they are judged.
@@ -91,25 +92,27 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     return _least(search, root, tried)
 
 
-def _explains(trial: Trial, root: Trial, best: float | None = None) -> bool:
+def _explains(trial: Trial, root: Trial, best: float | None = None, part: float = NEARLY) -> bool:
     """Whether a trial takes nearly all off the misfit, or nearly as much as one with a χ² of ``best`` does."""
     best = trial.fit.samples if best is None else best
-    return trial.chi2 < root.chi2 - NEARLY * (root.chi2 - best)
+    return trial.chi2 < root.chi2 - part * (root.chi2 - best)
 
 
 def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Trial]) -> tuple[Trial, Gate] | None:
     """A stand-in that leaves noise, or does with known effects beside it; what was tried goes to ``tried``."""
+    root, explained = starts[0], False
     for start in starts:
+        if explained and not _explains(start, root, part=MUCH):
+            break
         found: list[Trial] = []
         for known in range(MOST_EFFECTS):
             found = _grown(search, found[0], BESIDE) if known else stand_ins(search, start)[:1]
             if passing := _passing(search, found):
                 return _recognised(search, *passing)
             tried.extend(found[:1])
-            if not found or found[0].chi2 > NEAR * found[0].fit.samples or not _explains(found[0], starts[0]):
+            if not found or found[0].chi2 > NEAR * found[0].fit.samples or not _explains(found[0], root):
                 break
-        if known:  # a known one before it is not what is lacking
-            break
+            explained = True
     return None
 
 
