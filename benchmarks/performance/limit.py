@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import re
 import shutil
 import subprocess
+import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -36,9 +36,10 @@ def library(*options: str) -> ctypes.CDLL:
     }  # fmt: skip
     target = BUILD / f"limit{'_'.join(o.strip('-').replace('=', '_') for o in ('', *options))}.so"
     defines = [f"-D{name}={value!r}" for name, value in sizes.items()]
-    part = target.with_suffix(f".{os.getpid()}")  # another process may be loading it
-    subprocess.run([compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", part, SOURCE, "-lmvec", "-lm"], check=True)
-    part.replace(target)
+    with tempfile.TemporaryDirectory(dir=BUILD) as own:  # another thread may be making it too, another process loading it
+        part = Path(own) / target.name
+        subprocess.run([compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", part, SOURCE, "-lmvec", "-lm"], check=True)
+        part.replace(target)
     return ctypes.CDLL(str(target))
 
 
