@@ -5,7 +5,7 @@ Then a backward pass takes out what is not needed, and effects are exchanged for
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def find(search: Search, root: Trial, notes: list[str]) -> tuple[Trial, Gate]:
         chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
     except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
         search.tell("interrupted: reporting what was found so far")
-        chosen = search.finish(min(search.trials.values(), key=lambda t: penalised(search, t)))
+        chosen = search.finish(_cheapest(search, search.trials.values()))
         found_gate = search.gate(chosen)
         notes.append(INTERRUPTED)
     if len(chosen.names) > len(root.names) + 1:
@@ -61,9 +61,9 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     singles = _grown(search, root, QUICK_FIRST)
     if passing := _passing(search, singles):
         return passing
-    tried = [root]
+    tried, starts = [root], [root, *singles[:1]]
     unknown_first = not (_points_to_known(search, singles[0] if singles else root) or _two_explain(search, root))
-    if unknown_first and (found := _force_of_any_shape(search, [root, *singles[:1]], tried)):
+    if unknown_first and (found := _force_of_any_shape(search, starts, tried)):
         return found
     beam, unknown_tried = _varied(singles), unknown_first
     for _ in range(MOST_EFFECTS - 1):
@@ -85,9 +85,9 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
             return passing
         if beam[0].fit.rough and not unknown_tried:  # what is missing most may be none of the known
             unknown_tried = True
-            if found := _force_of_any_shape(search, [root, *singles[:1]], tried):
+            if found := _force_of_any_shape(search, starts, tried):
                 return found
-    if not unknown_tried and (found := _force_of_any_shape(search, [root, *singles[:1]], tried)):
+    if not unknown_tried and (found := _force_of_any_shape(search, starts, tried)):
         return found
     return _least(search, root, tried)
 
@@ -127,16 +127,20 @@ def _recognised(search: Search, trial: Trial, gate: Gate) -> tuple[Trial, Gate]:
 
 def _least(search: Search, root: Trial, tried: Sequence[Trial]) -> tuple[Trial, Gate]:
     """Where no set leaves noise: the best there is, with one more unknown force beside it."""
-    best = min(tried, key=lambda t: penalised(search, t))
+    best = _cheapest(search, tried)
     if named := _named(search, root, best):
         tried = [t for t in (named, *tried) if set(t.names) >= set(named.names)]
-        best = min(tried, key=lambda t: penalised(search, t))
+        best = _cheapest(search, tried)
     for _ in range(2):
         if search.gate(best).adequate or best.stands_in and best.chi2 < (1 + NOISE_TOLERANCE) ** 2 * best.fit.samples:
             break
         tried = [*tried, *stand_ins(search, best)[:1]]
-        best = min(tried, key=lambda t: penalised(search, t))
+        best = _cheapest(search, tried)
     return best, search.gate(best)
+
+
+def _cheapest(search: Search, trials: Iterable[Trial]) -> Trial:
+    return min(trials, key=lambda t: penalised(search, t))
 
 
 def _named(search: Search, root: Trial, best: Trial) -> Trial | None:
