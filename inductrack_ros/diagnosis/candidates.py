@@ -21,8 +21,9 @@ from .signatures import RunResponse
 LEVEL = 0.01
 #: Waviness is sought at wavelengths from this many metres up.
 SHORTEST_WAVE = catalogue()["guideway_waviness"].parameters["wavelength"].fit_from
-#: How many of the best wavelengths are tried in full.
-WAVE_STARTS = 3
+#: How many of the best wavelengths are tried in full, and the highest wave (m) they start from: the field changes by a sixth there, so
+#: first order says no more, and far higher ones keep the runs in contact, which takes long to simulate.
+WAVE_STARTS, HIGHEST_START = 3, 1e-3
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], 
     starts: list[Mapping[str, float]] = []
     for _, nu, (a, b), _, _ in tried:
         if all(abs(nu - 1 / s["wavelength"]) > 1.5 / reach for s in starts):
-            starts.append({"amplitude": float(np.hypot(a, b)), "wavelength": float(1 / nu), "phase": float(np.arctan2(b, a))})
+            starts.append({"amplitude": min(float(np.hypot(a, b)), HIGHEST_START), "wavelength": float(1 / nu), "phase": float(np.arctan2(b, a))})
         if len(starts) == WAVE_STARTS:
             break
     if not starts:

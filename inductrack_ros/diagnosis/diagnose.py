@@ -52,16 +52,18 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model)
     notes += support.undetermined(undetermined, base)
+    search, answer = Search(problem, base, tell, workers), None
     for _ in range(ROUNDS):
-        search = Search(problem, base, tell, workers)
         root = search.trials[frozenset(base.structure.effects)]
-        chosen, found_gate = find(search, root, notes)
+        chosen, found_gate = find(search, root, notes, answer)
         sigma = noise.from_residuals(problem, [p.residual for p in chosen.fit.linear], campaign.noise_std)
         if INTERRUPTED in notes or (sigma > SHARPER * problem.sigma).all():
             break
         tell("the noise is smaller than it seemed beside the misfit: once more")
         problem = problem.with_sigma(sigma)
         base = fit(problem, base.structure, base.states, base.theta)
+        search = search.under(problem, base)
+        answer = search.trials[frozenset(chosen.names)]
     new = tuple(n for n in chosen.names if n not in root.names)
     stand_in = [n for n in new if n.startswith("stand_in")]
     effects = tuple(n for n in new if n not in stand_in)

@@ -16,15 +16,13 @@ import numpy as np
 from scipy import linalg, special, stats
 
 from ..core.state import COORDINATES
-from ..estimation.fit import LOST, Fit
+from ..estimation.fit import LOST, NOISE_TOLERANCE, Fit
 from ..estimation.problem import STATE_PRIOR, Problem
 from .signatures import VARIABLES, RunResponse, basis, in_coordinate, knots, moving_coordinates
 
 #: A complete model is turned down in at most this part of campaigns by the scores, whiteness and χ²; whiteness is only a net for
 #: what no force explains (its χ² has a heavier tail than the table's), and that shows strongly.
 LEVEL_SCORES, LEVEL_WHITENESS, LEVEL_SIZE = 0.005, 0.0001, 0.002
-#: Relative error allowed in a stated noise level before its χ² counts as misfit.
-NOISE_TOLERANCE = 0.02
 DRAWS = 3000
 #: Basis functions per variable: coarse for all, finer too for what can change abruptly along a run.
 COARSE, FINE = 8, 40

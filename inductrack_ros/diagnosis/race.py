@@ -81,7 +81,8 @@ def race(
 
     ``spread`` maps a task over the workers. A trial that is known already, ``against``, runs with them: what it beats is gone.
 
-    Where the first of the few that are left loses the runs between one horizon and the next, they are taken there in smaller steps.
+    Where the first of the few that are left, which left noise over one horizon, loses the runs before the next, they are taken there in
+    smaller steps.
     """
 
     def begin(part: Problem, s: Start) -> Trial:
@@ -123,7 +124,7 @@ def race(
             arrived = spread(lambda s, part=part: begin(part, s), starts)
         new = _ranked(arrived)
         first_lost = not new or new[0].fit.rough or not arrived[0].cost < new[0].cost + BEATEN
-        if first_lost and len(field) <= FEW and ladder.halved():
+        if first_lost and 0 < len(field) <= FEW and (field[0].fit.leaves_noise or field[0].stands_in) and ladder.halved():  # a table may be coarse yet
             continue
         if new and new[0].fit.rough:
             new = _ranked(spread(lambda t, part=part: go_on(part, t), new[:FEW]))

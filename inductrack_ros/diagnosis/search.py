@@ -45,6 +45,13 @@ class Search:
     def __reduce__(self):
         return Search, (self.problem, self.base)  # all that a refit elsewhere needs
 
+    def under(self, problem: Problem, base: Fit) -> Search:
+        """The search under a problem that differs by its noise levels: what is known is weighted anew, and fitted anew where it is asked for."""
+        other = Search(problem, base, self.tell, self.workers)
+        weighted = {key: replace(t, fit=t.fit.weighted(problem, self.problem.sigma), full=False) for key, t in self.trials.items()}
+        other.trials, other.grown = weighted | other.trials, set(self.grown)
+        return other
+
     def look(self, trial: Trial) -> Look:
         """What a trial leaves."""
         return self._once(self.looks, trial, lambda: Look.at(self.problem, trial.fit))

@@ -9,8 +9,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from ..estimation.fit import NOISE_TOLERANCE
 from .candidates import visible
-from .gate import NOISE_TOLERANCE, Gate
+from .gate import Gate
 from .race import Trial
 from .result import INTERRUPTED
 from .search import QUICK_LATER, Search
@@ -33,15 +34,21 @@ TWO_EXPLAIN, FIRST_OF_TWO = 0.95, 8
 NEARLY, MUCH = 0.9, 0.5
 #: Candidates beside a force of any shape that are refitted, where that leaves at most so many times the noise: first order says well which.
 BESIDE, NEAR = 4, 3.0
+#: A set that leaves so many times what the best leaves of the misfit is not followed.
+FAR = 10.0
 #: Quick refits this close to the best are refitted in full before they are judged.
 CLOSE = 60.0
 
 
-def find(search: Search, root: Trial, notes: list[str]) -> tuple[Trial, Gate]:
-    """The set of effects that is the answer, and what the gate says of it; an interruption goes to ``notes``."""
+def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = None) -> tuple[Trial, Gate]:
+    """The set of effects that is the answer, and what the gate says of it; an interruption goes to ``notes``.
+
+    ``answer`` is that under a larger noise: what failed then fails now, so that nothing else is sought if it passes again.
+    """
     try:
         gate = search.gate(root)
-        chosen, found_gate = (root, gate) if gate.adequate else _seek(search, root)
+        again = _passing(search, [answer]) if answer else None
+        chosen, found_gate = (root, gate) if gate.adequate else again or _seek(search, root)
     except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
         search.tell("interrupted: reporting what was found so far")
         chosen = search.finish(_cheapest(search, search.trials.values()))
@@ -62,6 +69,8 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     if passing := _passing(search, singles):
         return passing
     tried, starts = [root], [root, *singles[:1]]
+    if root.fit.hopeless and singles and not singles[0].fit.hopeless and _explains(singles[0], root):
+        starts.reverse()  # it has lost the runs, the other has not
     unknown_first = not (_points_to_known(search, singles[0] if singles else root) or _two_explain(search, root))
     if unknown_first and (found := _force_of_any_shape(search, starts, tried)):
         return found
@@ -100,7 +109,7 @@ def _explains(trial: Trial, root: Trial, best: float | None = None, part: float 
 
 def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Trial]) -> tuple[Trial, Gate] | None:
     """A stand-in that leaves noise, or does with known effects beside it; what was tried goes to ``tried``."""
-    root, explained = starts[0], False
+    root, explained = min(starts, key=lambda t: len(t.names)), False
     for start in starts:
         if explained and not _explains(start, root, part=MUCH):
             break
@@ -169,10 +178,19 @@ def _varied(ranked: Sequence[Trial]) -> list[Trial]:
     """The cheapest sets, `BEAM` of them, without those that leave the same misfit as a cheaper one: a twin leads nowhere new."""
     beam: list[Trial] = []
     for trial in ranked:
-        excess = trial.chi2 - trial.fit.samples
-        if len(beam) < BEAM and all(_apart(trial, t) > SAME * min(excess, t.chi2 - t.fit.samples) for t in beam):
+        if len(beam) < BEAM and not _far(trial, ranked[0]) and all(_apart(trial, t) > SAME * min(_excess(trial), _excess(t)) for t in beam):
             beam.append(trial)
     return beam
+
+
+def _excess(trial: Trial) -> float:
+    """What a trial leaves beyond noise."""
+    return trial.chi2 - trial.fit.samples
+
+
+def _far(trial: Trial, best: Trial) -> bool:
+    """Whether a trial leaves so much more of the misfit than the best that it leads nowhere."""
+    return _excess(trial) > FAR * max(_excess(best), np.sqrt(2 * best.fit.samples))
 
 
 def _apart(one: Trial, other: Trial) -> float:
@@ -182,9 +200,11 @@ def _apart(one: Trial, other: Trial) -> float:
 
 def _passing(search: Search, ranked: list[Trial]) -> tuple[Trial, Gate] | None:
     """The first of the two cheapest, which are refitted in place, that leaves nothing but noise."""
-    ranked[:2] = sorted((search.finish(t) for t in ranked[:2]), key=lambda t: penalised(search, t))
+    ranked[:1] = [search.finish(t) for t in ranked[:1]]
+    ranked[1:2] = [t if _far(t, ranked[0]) else search.finish(t) for t in ranked[1:2]]
+    ranked[:2] = sorted(ranked[:2], key=lambda t: penalised(search, t))
     for t in ranked[:2]:
-        if (gate := search.gate(t)).adequate:
+        if not _far(t, ranked[0]) and (gate := search.gate(t)).adequate:
             return t, gate
     return None
 

@@ -32,8 +32,11 @@ SHORTEST, GROWTH, ENOUGH, SAMPLES, LEAST = 0.04, 1.35, 0.15, 100, 0.02
 #: A fit that leaves so many times the noise's χ² may only be stuck; one that leaves so many has lost the runs, and only their
 #: beginnings still tell anything.
 ROUGH, HOPELESS = 1.5, 100.0
-#: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these multiples.
-FAR_OFF, MULTIPLES = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0)
+#: Relative error allowed in a stated noise level before its χ² counts as misfit, and standard deviations of χ² that are still noise.
+NOISE_TOLERANCE, NOISE = 0.02, 5.0
+#: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these multiples, unless all are
+#: known to this part of themselves by then.
+FAR_OFF, MULTIPLES, KNOWN = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0), 0.1
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
 
@@ -77,6 +80,16 @@ class Fit:
         structure = self.structure.minus(name)
         return structure, self.theta[[self.structure.free.index(f) for f in structure.free]]
 
+    def weighted(self, problem: Problem, was: np.ndarray) -> Fit:
+        """The same point under a problem that differs by its noise levels; they ``was`` (c,) before."""
+        linear = []
+        for data, part in zip(problem.runs, self.linear, strict=True):
+            ratio = (was / problem.sigma)[data.channel]
+            rows = {n: getattr(part, n) * ratio[:, None] for n in ("by_theta", "by_state")}
+            linear.append(replace(part, residual=part.residual * ratio, **rows))
+        chi2 = chi_square([part.residual for part in linear])
+        return replace(self, chi2=chi2, covariance=_covariance(self.structure, linear), linear=tuple(linear))
+
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Free parameters that the data say nothing about."""
@@ -87,6 +100,11 @@ class Fit:
     def samples(self) -> int:
         """Number of samples compared."""
         return sum(len(part.residual) for part in self.linear)
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether χ² is what noise would leave, if its stated level may be a little wrong."""
+        return bool(self.chi2 < (1 + NOISE_TOLERANCE) ** 2 * (self.samples + NOISE * np.sqrt(2 * self.samples)))
 
     @property
     def rough(self) -> bool:
@@ -325,10 +343,11 @@ def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, 
         step = rough_fit(part, structure, states, theta)
         if far and not step.chi2 < FAR_OFF * part.samples:
             step, far = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2), False
-        if step.rough and near and not near.rough and ladder.halved():
+        if step.rough and near and near.leaves_noise and ladder.halved():
             continue
         if np.isfinite(step.chi2):
             near, states, theta = step, step.states, step.theta
+            far = far and any(s > KNOWN * abs(v) for s, v in zip(step.deviations.values(), step.values.values(), strict=True))
         if step.hopeless or step.rough and not thorough:
             break
         ladder.climb()
