@@ -76,7 +76,7 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         return found
     beam, unknown_tried = _varied(singles), unknown_first
     for _ in range(MOST_EFFECTS - 1):
-        if any(t.stands_in and _explains(t, root) for t in tried):
+        if any(t.stands_in and _explains(t, root) for t in tried) and not _one_more_explains(search, beam[0]):
             break
         reached = max(map(search.reach, beam), default=0.0)
         grown: list[Trial] = []
@@ -92,7 +92,7 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         tried.append(beam[0])
         if passing := _passing(search, beam[:1]):
             return passing
-        if beam[0].fit.rough and not unknown_tried:  # what is missing most may be none of the known
+        if beam[0].fit.rough and not unknown_tried and not _one_more_explains(search, beam[0]):  # what is missing most may be none of the known
             unknown_tried = True
             if found := _force_of_any_shape(search, starts, tried):
                 return found
@@ -232,6 +232,11 @@ def _two_explain(search: Search, trial: Trial) -> bool:
             if first @ first + second @ second > wanted:
                 return True
     return False
+
+
+def _one_more_explains(search: Search, trial: Trial) -> bool:
+    """Whether one more known effect promises, to first order, nearly all of what a trial leaves."""
+    return not trial.fit.hopeless and max((s.promise for s in search.screened(trial)), default=0.0) > NEARLY * _excess(trial)
 
 
 def _significant(search: Search, trial: Trial, parent: Trial) -> bool:
