@@ -1,0 +1,70 @@
+"""Idea: the order in which sets of effects are tried, on practice campaigns with known answers."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inductrack_ros.core.model import Model
+from inductrack_ros.data import load_campaign
+from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.race import Trial
+from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.diagnosis.seek import QUICK_FIRST, _one_more_explains, _passing, _varied, find
+from inductrack_ros.estimation.fit import fit
+
+PRACTICE = Path(__file__).parent / "data" / "practice"
+
+
+@cache
+def begun(name: str) -> Search:
+    return Search(*base_fit(load_campaign(PRACTICE / name), Model.default())[:2])
+
+
+def root(search: Search) -> Trial:
+    return search.trials[frozenset()]
+
+
+def test_what_was_found_under_more_noise_is_not_sought_again():
+    """Under too large a noise the delay is found; under the true one it is refitted and passes, and nothing else is tried."""
+    truly = begun("p7_sensor")
+    blunt = truly.problem.with_sigma(truly.problem.sigma * np.array([1.1, 1.3, 1.2, 1.15]))
+    search = Search(blunt, fit(blunt, truly.base.structure, truly.base.states, truly.base.theta))
+    first = search.finish(search.grow(root(search), QUICK_FIRST)[0])
+    assert first.names == ("sensor_delay:heave",)
+    said: list[str] = []
+    search.tell = said.append
+    again = search.under(truly.problem, truly.base)
+    answer, gate = find(again, root(again), [], again.trials[frozenset(first.names)])
+    assert answer.names == first.names and gate.adequate and answer.full and not said
+    assert answer.fit.reduced_chi2 == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_point_weighted_anew_is_the_point_under_the_other_noise():
+    search = begun("p7_sensor")
+    other = search.problem.with_sigma(search.problem.sigma * np.array([0.5, 2.0, 0.9, 1.3]))
+    weighted = search.base.weighted(other, search.problem.sigma)
+    fresh = fit(other, search.base.structure, search.base.states, search.base.theta, iterations=0)
+    assert weighted.chi2 == pytest.approx(fresh.chi2, rel=1e-9)
+    assert weighted.covariance == pytest.approx(fresh.covariance, rel=1e-6)
+
+
+def test_a_set_far_behind_the_best_is_neither_refitted_nor_followed():
+    search = begun("p7_sensor")
+    grown = search.grow(root(search), QUICK_FIRST)
+    best, last = grown[0], grown[-1]
+    assert best.names == ("sensor_delay:heave",) and last.chi2 > 1.5 * best.chi2 and not last.full
+    ranked = [best, last]
+    assert _passing(search, ranked)
+    assert ranked[0].full and ranked[1] is last
+    assert [t.names for t in _varied(ranked)] == [best.names]
+
+
+def test_one_more_known_effect_is_told_from_a_force_of_any_shape():
+    """Beside one of two effects the other promises all that is left; of a patch that pulls no known effect explains nearly all."""
+    two, odd = begun("p5_two"), begun("p6_odd")
+    first = two.finish(two.grow(root(two), QUICK_FIRST)[0])
+    assert first.label in ("roll_damping", "track_slope") and not two.gate(first).adequate
+    assert _one_more_explains(two, first)
+    assert not _one_more_explains(odd, root(odd))
