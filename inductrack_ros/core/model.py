@@ -265,6 +265,11 @@ class Model:
             x[INDEX["heave"]] = self.equilibrium_heave(x[INDEX["surge_rate"]])
         return self.with_effect_states(x)
 
+    @property
+    def carries_states(self) -> bool:
+        """Whether any effect that is on has states of its own."""
+        return any(self.known_effects[e].states for e in self.kernel.effects if e in self.effects)
+
     def with_effect_states(self, x: np.ndarray, time: float = 0.0, P: np.ndarray | None = None) -> np.ndarray:
         """``x`` with the effects' own states set to the quantities they start on (steady values), at parameters P or the model's."""
         full = np.zeros(len(self.kernel.states))

@@ -200,7 +200,7 @@ class Problem:
         x = np.zeros((len(states), len(model.kernel.states)))
         x[:, :8] = states
         on = np.tile(model.switches, (len(states), 1))
-        if x.shape[1] > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects):
+        if model.carries_states:
             for j in range(len(x)):
                 x[j] = model.with_effect_states(x[j], P=P[j])
         out = np.empty((len(states), data.grid.size, len(OUTPUTS)))

@@ -97,9 +97,9 @@ def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> n
     known = int(finite.argmin()) if not finite.all() else len(finite)  # grid points before a run left all bounds
     x = np.zeros((known, n_states))
     x[:, :8] = outputs[:known, :8]
-    if n_states > 8 and any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects):
+    if model.carries_states:
         for k in range(known):
-            x[k] = model.with_effect_states(x[k], grid[k])
+            x[k] = model.with_effect_states(x[k], grid[k], P)
     offsets = np.zeros((1 + len(moved), n_states))
     offsets[1 + np.arange(len(moved)), moved] = STATE_STEPS[moved]
     out = np.empty((known, len(offsets), 8))

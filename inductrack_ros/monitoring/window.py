@@ -145,7 +145,7 @@ class _Run:
         self.model, self.grid, self.origin, self.inverse_inertia = model, grid, origin, inverse_inertia
         none = (np.empty(0),) * 3
         self.pulses = pulses.arrays(model.parameters["wavelength"]) if pulses is not None else none
-        self.carries = any(model.known_effects[e].states for e in model.kernel.effects if e in model.effects)
+        self.carries = model.carries_states
 
     def __call__(self, x: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Outputs (j, g, 15) from starts (j, 8) under constant forces (j, 4)."""
