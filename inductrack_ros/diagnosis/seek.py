@@ -111,7 +111,7 @@ def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Tri
     """A stand-in that leaves noise, or does with known effects beside it; what was tried goes to ``tried``."""
     root, explained = min(starts, key=lambda t: len(t.names)), False
     for start in starts:
-        if explained and not _explains(start, root, part=MUCH):
+        if explained and start is not root and not _explains(start, root, part=MUCH):
             break
         found: list[Trial] = []
         for known in range(MOST_EFFECTS):
