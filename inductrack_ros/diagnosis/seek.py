@@ -76,7 +76,7 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         return found
     beam, unknown_tried = _varied(singles), unknown_first
     for _ in range(MOST_EFFECTS - 1):
-        if any(t.stands_in and _explains(t, root) for t in tried) and not _one_more_explains(search, beam[0]):
+        if any(t.stands_in and _explains(t, root) for t in tried) and not any(_one_more_explains(search, t) for t in beam[:1]):
             break
         reached = max(map(search.reach, beam), default=0.0)
         grown: list[Trial] = []
