@@ -145,6 +145,7 @@ def fit(
     reuse: Sequence[Linearisation] | None = None,
     linear: Sequence[Linearisation] | None = None,
     settle: bool = False,
+    one_sided: bool = False,
 ) -> Fit:
     """Fit a structure's free parameters and every run's free initial states.
 
@@ -152,14 +153,14 @@ def fit(
     ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``reuse`` the derivatives by the initial
     states are taken from there: quick, for a first look at a rival. ``linear`` is the linearisation at the start, if known.
     With ``settle``, each run's initial state is fitted anew beside the new parameters wherever a step falls short: slower, and
-    it arrives where the valleys are so curved that joint steps creep.
+    it arrives where the valleys are so curved that joint steps creep. ``one_sided`` differences cost half where only the way matters.
     """
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     theta = np.clip(theta, *structure.bounds)
     states = [np.array(s if s is not None else d.guess) for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)]
     damping, of_runs, converged, idle = 1e-3, np.full(len(states), 1e-3), False, 0
     if linear is None:
-        linear = problem.linearise(structure, theta, states, reuse)
+        linear = problem.linearise(structure, theta, states, reuse, one_sided=one_sided)
     now = _point(problem, structure, theta, states, [part.residual for part in linear])
     for left in reversed(range(iterations)):
         accepted = False
@@ -193,7 +194,7 @@ def fit(
         if reuse is not None and (converged or not left):  # a quick look ends with derivatives one step old
             linear = [replace(part, residual=r) for part, r in zip(linear, now.residuals, strict=True)]
         else:
-            linear = problem.linearise(structure, now.theta, now.states, reuse, linear if reuse is not None else None)
+            linear = problem.linearise(structure, now.theta, now.states, reuse, linear if reuse is not None else None, one_sided)
         if converged:
             break
     chi2 = chi_square([part.residual for part in linear])
@@ -249,7 +250,7 @@ def _settled(problem: Problem, held: Structure, states: Sequence[np.ndarray]) ->
     def task(i: int) -> np.ndarray:
         alone = problem.subset([i])
         alone.threads = 1
-        return fit(alone, held, [states[i]], iterations=SETTLE, tolerance=0.1).states[0]
+        return fit(alone, held, [states[i]], iterations=SETTLE, tolerance=0.1, one_sided=True).states[0]
 
     return problem.for_runs(task)
 
@@ -330,7 +331,7 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
         return fit(problem, structure, near.states, near.theta, iterations=8)
     if near is None:
         return fit(problem, structure, None, theta, settle=True)
-    return fit(problem, structure, near.states, near.theta, settle=not near.hopeless)
+    return fit(problem, structure, near.states, near.theta, iterations=60, settle=not near.hopeless)
 
 
 def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, thorough: bool) -> Fit | None:

@@ -253,11 +253,13 @@ class Problem:
         states: Sequence[np.ndarray],
         reuse: Sequence[Linearisation] | None = None,
         tables_from: Sequence[Linearisation] | None = None,
+        one_sided: bool = False,
     ) -> list[Linearisation]:
         """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
 
         ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of the work;
-        ``tables_from`` those by the stand-ins' tables.
+        ``tables_from`` those by the stand-ins' tables. With ``one_sided`` differences those by the initial states cost half; they say
+        where to go, not how well a state is known.
         """
         g = len(theta)
         low, high = structure.bounds
@@ -272,13 +274,14 @@ class Problem:
             tables = structure.tables
             single = [k for k in range(g) if not any(k in columns for columns in tables.values())]
             points = [(k, side[k]) for side in (up, down) for k in single if side[k] != theta[k]]
-            jobs = 1 + len(points) + 2 * len(free)
+            sides = (1.0,) if one_sided else (1.0, -1.0)
+            jobs = 1 + len(points) + len(sides) * len(free)
             thetas, x = np.tile(theta, (jobs, 1)), np.tile(states[i], (jobs, 1))
             for j, (k, v) in enumerate(points):
                 thetas[1 + j, k] = v
-            for k, s in enumerate(free):
-                x[jobs - 2 * len(free) + k, s] += STATE_STEPS[s]
-                x[jobs - len(free) + k, s] -= STATE_STEPS[s]
+            moved = 1 + len(points) + np.arange(len(sides) * len(free)).reshape(len(sides), len(free))
+            for rows, side in zip(moved, sides, strict=True):
+                x[rows, free] += side * STATE_STEPS[free]
             out = self.simulate(structure, i, thetas, x)
             read = self.predict(structure, i, thetas, out)
             weight = 1.0 / self.sigma[data.channel]
@@ -291,9 +294,9 @@ class Problem:
                     by_theta[columns] = tables_from[i].by_theta[:, columns].T / weight
                 else:
                     by_theta[columns] = self._table_columns(structure, i, theta, states[i], out[0], effect, columns) / weight
-            plus, minus = np.split(read[len(read) - 2 * len(free) :], 2)
             steps = STATE_STEPS[free][:, None]
-            by_state = _slope(plus - read[0], steps, read[0] - minus, steps)
+            ahead, behind = read[moved[0]] - read[0], read[0] - read[moved[-1]]
+            by_state = ahead / steps if one_sided else _slope(ahead, steps, behind, steps)
             return Linearisation(
                 (data.y - read[0]) * weight,
                 (by_theta * weight).T,
