@@ -39,6 +39,14 @@ def test_a_shortened_problem_is_the_beginning_of_the_whole(problem_and_fit):
         assert np.array_equal(a, b[data.time <= 0.25])
 
 
+def test_one_sided_differences_say_the_same_way(problem_and_fit):
+    problem, fit = problem_and_fit
+    at = fit.structure, fit.theta, fit.states
+    for quick, central in zip(problem.linearise(*at, one_sided=True), problem.linearise(*at), strict=True):
+        assert np.array_equal(quick.residual, central.residual) and np.array_equal(quick.by_theta, central.by_theta)
+        assert quick.by_state == pytest.approx(central.by_state, rel=1e-3, abs=1e-3 * np.abs(central.by_state).max())
+
+
 def test_a_table_is_as_smooth_as_the_data_say():
     """A straight law is given next to no freedom, a narrow peak what it needs; either is found within its noise."""
     rng = np.random.default_rng(0)
