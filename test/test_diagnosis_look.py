@@ -44,7 +44,7 @@ def test_one_sided_differences_say_the_same_way(problem_and_fit):
     at = fit.structure, fit.theta, fit.states
     for quick, central in zip(problem.linearise(*at, one_sided=True), problem.linearise(*at), strict=True):
         assert np.array_equal(quick.residual, central.residual) and np.array_equal(quick.by_theta, central.by_theta)
-        assert quick.by_state == pytest.approx(central.by_state, rel=1e-3, abs=1e-3 * np.abs(central.by_state).max())
+        assert np.linalg.norm(quick.by_state - central.by_state) < 0.01 * np.linalg.norm(central.by_state)  # an impact jumps
 
 
 def test_a_table_is_as_smooth_as_the_data_say():
