@@ -69,8 +69,6 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     if passing := _passing(search, singles):
         return passing
     tried, starts = [root], [root, *singles[:1]]
-    if root.fit.hopeless and singles and not singles[0].fit.hopeless and _explains(singles[0], root):
-        starts.reverse()  # it has lost the runs, the other has not
     unknown_first = not (_points_to_known(search, singles[0] if singles else root) or _two_explain(search, root))
     if unknown_first and (found := _force_of_any_shape(search, starts, tried)):
         return found
@@ -109,9 +107,9 @@ def _explains(trial: Trial, root: Trial, best: float | None = None, part: float 
 
 def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Trial]) -> tuple[Trial, Gate] | None:
     """A stand-in that leaves noise, or does with known effects beside it; what was tried goes to ``tried``."""
-    root, explained = min(starts, key=lambda t: len(t.names)), False
+    root, explained = starts[0], False
     for start in starts:
-        if explained and start is not root and not _explains(start, root, part=MUCH):
+        if explained and not _explains(start, root, part=MUCH):
             break
         found: list[Trial] = []
         for known in range(MOST_EFFECTS):
