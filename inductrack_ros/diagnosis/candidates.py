@@ -20,7 +20,8 @@ from .signatures import RunResponse
 #: A candidate whose fall in χ² is this improbable by chance, all tries of the family counted, is significant.
 LEVEL = 0.01
 #: Waviness is sought at wavelengths from this many metres up.
-SHORTEST_WAVE = catalogue()["guideway_waviness"].parameters["wavelength"].fit_from
+WAVES = "guideway_waviness"
+SHORTEST_WAVE = catalogue()[WAVES].parameters["wavelength"].fit_from
 #: How many of the best wavelengths are tried in full, and the highest wave (m) they start from: the field changes by a sixth there, so
 #: first order says no more, and far higher ones keep the runs in contact, which takes long to simulate.
 WAVE_STARTS, HIGHEST_START = 3, 1e-3
@@ -69,26 +70,21 @@ def names(problem: Problem, structure: Structure) -> list[str]:
 def screen(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project: Projector | None = None) -> list[Screened]:
     """Score test of every candidate at a fit, best promise first; those the data cannot see at all are left out."""
     project = project or Projector(problem, fit)
-    linear_ones, switches, waves = [], [], []
-    for name in names(problem, fit.structure):
-        item = fit.structure.model.known_effects[name.partition(":")[0]]
-        if name == "guideway_waviness":
-            waves.append(name)
-        elif item.parameters:
-            linear_ones.append(name)
-        else:
-            switches.append(name)
-    columns = _columns_at_vanishing(problem, fit, linear_ones)
-    columns |= {name: switch_columns(problem, fit, responses, name) for name in switches}
-    result = []
-    for name, parts in columns.items():
-        p = fit.structure.model.known_effects[name.partition(":")[0]].parameters
-        standing = _standing(project, parts)
-        if standing is not None:
-            result.append(Screened(Candidate(name, ({},), 1, len(p)), standing[0], parts, standing[1]))
-    if waves:
+    wanted = names(problem, fit.structure)
+    result = [s for s in first_order(problem, fit, responses, [n for n in wanted if n != WAVES], project) if np.isfinite(s.deviation)]
+    if WAVES in wanted:
         result += _screen_waves(problem, fit, responses, project)
     return sorted(result, key=lambda s: -s.promise)
+
+
+def first_order(problem: Problem, fit: Fit, responses: Sequence[RunResponse], wanted: Sequence[str], project: Projector) -> list[Screened]:
+    """Standing of candidates other than waves; of one the data cannot see beside the fit's effects, no promise and no end of a deviation."""
+    known = fit.structure.model.known_effects
+    parameters = {name: known[name.partition(":")[0]].parameters for name in wanted}
+    columns = _columns_at_vanishing(problem, fit, [n for n in wanted if parameters[n]])
+    columns |= {n: switch_columns(problem, fit, responses, n) for n in wanted if not parameters[n]}
+    standing = {n: _standing(project, parts) or (0.0, np.inf) for n, parts in columns.items()}
+    return [Screened(Candidate(n, ({},), 1, len(parameters[n])), standing[n][0], parts, standing[n][1]) for n, parts in columns.items()]
 
 
 def visible(project: Projector, parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -171,7 +167,7 @@ def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], 
             break
     if not starts:
         return []
-    candidate = Candidate("guideway_waviness", tuple(starts), 2 * len(inverse), 3)
+    candidate = Candidate(WAVES, tuple(starts), 2 * len(inverse), 3)
     return [Screened(candidate, tried[0][0], tried[0][3], tried[0][4])]
 
 

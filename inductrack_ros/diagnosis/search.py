@@ -14,7 +14,7 @@ import numpy as np
 from ..estimation.fit import ROUGH, Fit, fit, fit_from_scratch, growing, rough_fit
 from ..estimation.problem import Linearisation, Problem
 from ..workers import Cluster, Threads
-from .candidates import Candidate, Screened, switch_columns, visible
+from .candidates import WAVES, Candidate, Screened, first_order, names, switch_columns, visible
 from .gate import Gate, Projector
 from .look import Look
 from .race import SEVERAL, Start, Trial, race
@@ -140,12 +140,16 @@ class Search:
         key = frozenset(parent.names)
         if key not in self.grown:
             self.grow(parent, QUICK_LATER, trial)
-        known = {k: t.chi2 for k, t in self.trials.items()}
-        alike = [(s, size) for s, size in self._alike(trial, name) if not known.get(key | {s.candidate.name}, np.inf) < trial.chi2 + MARGIN]
-        for t in self._from_scratch(parent, [s.candidate for s, _ in alike], trial) if alike else ():
-            self.keep(t)
+
+        def found(s: Screened) -> bool:
+            return key | {s.candidate.name} in self.trials and self.trials[key | {s.candidate.name}].chi2 < trial.chi2 + MARGIN
+
+        alike = [(s, size) for s, size in self._alike(trial, name) if not found(s)]
         for s, size in alike:
             self._exchange(trial, name, s, size)
+        left = [s.candidate for s, _ in alike if not found(s) and s.candidate.starts]
+        for t in self._from_scratch(parent, left, trial) if left else ():
+            self.keep(t)
 
     def _alike(self, trial: Trial, name: str) -> list[tuple[Screened, np.ndarray]]:
         """Candidates that would do to the measurements what one effect of a trial does, and the size (p,) at which they would."""
@@ -158,12 +162,20 @@ class Search:
         else:
             made = switch_columns(self.problem, f, self.look(trial).responses, name)
         wanted = project(project.stack(made))[:, 0]
+        seen = self.screened(trial)
+        hidden = set(names(self.problem, f.structure)) - {s.candidate.name for s in seen} - {WAVES}  # behind the effect itself, perhaps
         found = []
-        for s in self.screened(trial):
+        for s in [*seen, *first_order(self.problem, f, self.look(trial).responses, sorted(hidden), project)]:
             other = visible(project, s.columns)
-            if np.linalg.norm(np.linalg.qr(other)[0].T @ wanted) > ALIKE * np.linalg.norm(wanted):
+            if self._act_alike(name, s.candidate.name) or np.linalg.norm(np.linalg.qr(other)[0].T @ wanted) > ALIKE * np.linalg.norm(wanted):
                 found.append((s, np.linalg.lstsq(project(project.stack(s.columns)), wanted, rcond=1e-6)[0]))
         return found
+
+    def _act_alike(self, one: str, other: str) -> bool:
+        """Whether two effects change the same quantity, as the thrust: after an impact first order may no longer see that they are one."""
+        known = self.base.structure.model.known_effects
+        first, second = (known[n.partition(":")[0]] for n in (one, other))
+        return first.replaces and second.replaces and first.targets == second.targets and not first.of_channel
 
     def recognise(self, trial: Trial, name: str) -> list[Trial]:
         """Trials with a known effect that does the same to the measurements in the place of one of a trial's; best first."""
