@@ -19,7 +19,7 @@ from .signatures import RunResponse
 
 #: A candidate whose fall in χ² is this improbable by chance, all tries of the family counted, is significant.
 LEVEL = 0.01
-#: Waviness is sought at wavelengths from this many metres up.
+#: The effect that is sought at every wavelength, from this many metres up.
 WAVES = "guideway_waviness"
 SHORTEST_WAVE = catalogue()[WAVES].parameters["wavelength"].fit_from
 #: How many of the best wavelengths are tried in full, and the highest wave (m) they start from: the field changes by a sixth there, so
@@ -107,6 +107,8 @@ def _standing(project: Projector, parts: list[np.ndarray]) -> tuple[float, float
 
 def _columns_at_vanishing(problem: Problem, fit: Fit, wanted: list[str]) -> dict[str, list[np.ndarray]]:
     """Derivative of the predictions over noise by each candidate's parameters where it vanishes, (m_i, p) per run."""
+    if not wanted:
+        return {}
     wide = fit.structure
     for name in wanted:
         wide = wide.plus(name)

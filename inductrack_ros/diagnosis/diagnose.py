@@ -19,6 +19,7 @@ from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import support
+from .candidates import WAVES
 from .experiment import propose
 from .gate import Gate
 from .race import Trial
@@ -272,7 +273,7 @@ def _limits(search: Search, chosen: Trial) -> tuple[Limit, ...]:
             continue
         declared, scale = structure.declarations[first], structure.scale[first]
         size = (np.sqrt(s.candidate.threshold(len(search.screened(chosen)))) + 1.28) * s.deviation
-        if s.candidate.name == "guideway_waviness":
+        if s.candidate.name == WAVES:
             value = float(size)
         else:
             neutral = 0.0 if np.isinf(declared.default) else declared.to_fit(declared.default)

@@ -147,7 +147,7 @@ class Search:
         alike = [(s, size) for s, size in self._alike(trial, name) if not found(s)]
         for s, size in alike:
             self._exchange(trial, name, s, size)
-        left = [s.candidate for s, _ in alike if not found(s) and s.candidate.starts]
+        left = [s.candidate for s, _ in alike if not found(s)]
         for t in self._from_scratch(parent, left, trial) if left else ():
             self.keep(t)
 
@@ -156,16 +156,17 @@ class Search:
         f = trial.fit
         mine = [k for k, full in enumerate(f.structure.free) if full.rpartition(".")[0] == name]
         project = Projector(self.problem, f, leave=mine)
+        seen = self.screened(trial)
+        hidden = set(names(self.problem, f.structure)) - {s.candidate.name for s in seen} - {WAVES}  # behind the effect itself, perhaps
+        responses = self.look(trial).responses if hidden or not mine else []
         if mine:
             nothing = 0.0 if name.startswith("stand_in") else self.base.structure.plus(name).start[-len(mine) :]
             made = [part.by_theta[:, mine] @ (f.theta[mine] - nothing)[:, None] for part in f.linear]
         else:
-            made = switch_columns(self.problem, f, self.look(trial).responses, name)
+            made = switch_columns(self.problem, f, responses, name)
         wanted = project(project.stack(made))[:, 0]
-        seen = self.screened(trial)
-        hidden = set(names(self.problem, f.structure)) - {s.candidate.name for s in seen} - {WAVES}  # behind the effect itself, perhaps
         found = []
-        for s in [*seen, *first_order(self.problem, f, self.look(trial).responses, sorted(hidden), project)]:
+        for s in [*seen, *first_order(self.problem, f, responses, sorted(hidden), project)]:
             other = visible(project, s.columns)
             if self._act_alike(name, s.candidate.name) or np.linalg.norm(np.linalg.qr(other)[0].T @ wanted) > ALIKE * np.linalg.norm(wanted):
                 found.append((s, np.linalg.lstsq(project(project.stack(s.columns)), wanted, rcond=1e-6)[0]))

@@ -47,8 +47,7 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
     """
     try:
         gate = search.gate(root)
-        again = _passing(search, [answer]) if answer else None
-        chosen, found_gate = (root, gate) if gate.adequate else again or _seek(search, root)
+        chosen, found_gate = (root, gate) if gate.adequate else answer and _passing(search, [answer]) or _seek(search, root)
     except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
         search.tell("interrupted: reporting what was found so far")
         chosen = search.finish(_cheapest(search, search.trials.values()))
