@@ -25,6 +25,8 @@ QUICK_LATER, FULL = 12, 4
 MARGIN = 6.6
 #: Effects that, the nuisance projected out, do to the measurements what another does, as parallel as this, are tried in its place.
 ALIKE = 0.95
+#: What is left of an effect at each step while another takes its place.
+SHARES = (0.9, 0.7, 0.3, 0.0)
 
 
 class Search:
@@ -160,8 +162,7 @@ class Search:
         hidden = set(names(self.problem, f.structure)) - {s.candidate.name for s in seen} - {WAVES}  # behind the effect itself, perhaps
         responses = self.look(trial).responses if hidden or not mine else []
         if mine:
-            nothing = 0.0 if name.startswith("stand_in") else self.base.structure.plus(name).start[-len(mine) :]
-            made = [part.by_theta[:, mine] @ (f.theta[mine] - nothing)[:, None] for part in f.linear]
+            made = [part.by_theta @ (f.theta - f.weakened(name, 0.0))[:, None] for part in f.linear]
         else:
             made = switch_columns(self.problem, f, responses, name)
         wanted = project(project.stack(made))[:, 0]
@@ -185,18 +186,26 @@ class Search:
         return self.siblings(trial, name)
 
     def _exchange(self, trial: Trial, name: str, screened: Screened, size: np.ndarray) -> None:
-        """Try a candidate in the place of a trial's effect from where the trial stands, for a start from scratch may end elsewhere."""
+        """Try a candidate in the place of a trial's effect from where the trial stands, for a start from scratch may end elsewhere.
+
+        The effect is held at ever less of its size, the rest fitted beside it; each step sets out along the last.
+        """
         f, candidate = trial.fit, screened.candidate
         rest, known = f.narrowed(name)
-        structure = rest.plus(candidate.name)
-        theta = structure.start.copy()
-        theta[: len(known)] = known
+        states, theta, before = f.states, np.append(known, rest.plus(candidate.name).start[len(known) :]), 1.0
+        way, ways = np.zeros(len(theta)), [np.zeros(8)] * len(states)
         if candidate.parameters == len(size):  # not a wave's, whose columns are sines and cosines
-            theta[len(known) :] += size
-        new = fit(self.problem, structure, f.states, theta, iterations=5, settle=True)
-        if new.rough and not f.rough:
-            return
-        new = fit(self.problem, structure, new.states, new.theta, settle=True)
+            way[len(known) :] = size
+        for share in SHARES if len(rest.free) < len(f.structure.free) else SHARES[-1:]:
+            given = before - share
+            structure = replace(rest, model=f.structure.with_theta(f.weakened(name, share))) if share else rest
+            starts = [x + given * w for x, w in zip(states, ways, strict=True)]
+            new = fit(self.problem, structure.plus(candidate.name), starts, theta + given * way, iterations=5, settle=True)
+            if new.rough and not f.rough:
+                return
+            way, ways = (new.theta - theta) / given, [(x - old) / given for x, old in zip(new.states, states, strict=True)]
+            states, theta, before = new.states, new.theta, share
+        new = fit(self.problem, new.structure, states, theta, settle=True)
         if np.isfinite(new.chi2):
             freedom = {n: price for n, price in trial.freedom.items() if n != name}
             self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, freedom))

@@ -80,6 +80,15 @@ class Fit:
         structure = self.structure.minus(name)
         return structure, self.theta[[self.structure.free.index(f) for f in structure.free]]
 
+    def weakened(self, name: str, share: float) -> np.ndarray:
+        """Theta (g,) with one effect at a share of its size: 1 as fitted, 0 where it vanishes."""
+        mine = [f.rpartition(".")[0] == name for f in self.structure.free]
+        free = [f.rpartition(".")[2] for f, m in zip(self.structure.free, mine, strict=True) if m]
+        nothing = 0.0 if name.startswith("stand_in") else self.structure.minus(name).plus(name, free=free).start[-len(free) :]
+        theta = self.theta.copy()
+        theta[mine] = nothing + share * (theta[mine] - nothing)
+        return theta
+
     def weighted(self, problem: Problem, was: np.ndarray) -> Fit:
         """The same point under a problem that differs by its noise levels; they ``was`` (c,) before."""
         linear = []
