@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_diagnosis_input import simulated
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
@@ -12,7 +13,7 @@ from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.race import Trial
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.diagnosis.seek import QUICK_FIRST, _one_more_explains, _passing, _varied, find
-from inductrack_ros.estimation.fit import fit
+from inductrack_ros.estimation.fit import fit, fit_from_scratch
 
 PRACTICE = Path(__file__).parent / "data" / "practice"
 
@@ -68,3 +69,25 @@ def test_one_more_known_effect_is_told_from_a_force_of_any_shape():
     assert first.label in ("roll_damping", "track_slope") and not two.gate(first).adequate
     assert _one_more_explains(two, first)
     assert not _one_more_explains(odd, root(odd))
+
+
+def test_an_exact_twin_is_reached_though_the_runs_touch_down():
+    """More inductance is less resistance and another η: far apart, with impacts on the way that throw a refit off at once."""
+    inductive = Model.create(effects={"track_inductance": {"relative_change": 0.34}})
+    search = Search(*base_fit(simulated([8, 14, 22], seconds=0.8, model=inductive), Model.default())[:2])
+    found = Trial(fit_from_scratch(search.problem, search.base.structure.plus("track_inductance")), ("track_inductance",), True)
+    assert found.fit.leaves_noise
+    (twin, *_) = search.recognise(found, "track_inductance")
+    assert twin.names == ("track_resistance",)
+    assert twin.chi2 == pytest.approx(found.chi2, abs=1.0)
+    assert twin.fit.values["track_resistance.relative_change"] == pytest.approx(1 / 1.34 - 1, abs=0.01)
+    assert twin.fit.values["eta"] == pytest.approx(found.fit.values["eta"] / 1.34, rel=0.01)
+
+
+def test_an_effect_at_a_share_of_its_size():
+    search = begun("p7_sensor")
+    structure = search.base.structure.plus("cg_offset", {"offset": 0.002}).plus("track_inductance", {"relative_change": 0.4})
+    at = fit(search.problem, structure, search.base.states, iterations=0)
+    half = structure.decode(at.weakened("track_inductance", 0.5))
+    assert half == pytest.approx(at.values | {"track_inductance.relative_change": 0.2})
+    assert np.array_equal(at.weakened("track_inductance", 1.0), at.theta)
