@@ -49,13 +49,13 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
     if not math.isfinite(f.chi2):
         raise InputError(f"'{name}' cannot be fitted to these runs: no size of it follows them")
     trial = search.trials[frozenset((*root.names, name))] = Trial(f, (*root.names, name), True)
-    gate = search.gate(trial)
+    trial, gate = search.judged(trial)
     if not gate.adequate:  # perhaps it is stuck on the way there
         anew = min((_refit(_from_scratch, problem, base, name, start) for start in starts), key=lambda f: f.chi2)
         if anew.chi2 < f.chi2:
-            f = anew
-            trial = search.trials[frozenset(trial.names)] = Trial(f, trial.names, True)
-            gate = search.gate(trial)
+            trial = search.trials[frozenset(trial.names)] = Trial(anew, trial.names, True)
+            trial, gate = search.judged(trial)
+    f = trial.fit
     deviations = f.deviations
     threshold = Candidate(name, ({},), 1, len(item.parameters)).threshold(1)
     gains = root.chi2 - trial.chi2 > threshold

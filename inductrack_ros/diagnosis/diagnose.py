@@ -55,8 +55,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     notes += support.undetermined(undetermined, base)
     search, answer = Search(problem, base, tell, workers), None
     for _ in range(ROUNDS):
-        root = search.trials[frozenset(base.structure.effects)]
-        chosen, found_gate = find(search, root, notes, answer)
+        chosen, found_gate = find(search, search.trials[frozenset(base.structure.effects)], notes, answer)
         sigma = noise.from_residuals(problem, [p.residual for p in chosen.fit.linear], campaign.noise_std)
         if INTERRUPTED in notes or (sigma > SHARPER * problem.sigma).all():
             break
@@ -65,6 +64,7 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
         base = fit(problem, base.structure, base.states, base.theta)
         search = search.under(problem, base)
         answer = search.trials[frozenset(chosen.names)]
+    root = search.trials[frozenset(base.structure.effects)]
     new = tuple(n for n in chosen.names if n not in root.names)
     stand_in = [n for n in new if n.startswith("stand_in")]
     effects = tuple(n for n in new if n not in stand_in)

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.fit import ROUGH, Fit, fit, fit_from_scratch, growing, rough_fit
+from ..estimation.fit import ROUGH, Fit, each_run_anew, fit, fit_from_scratch, growing, rough_fit
 from ..estimation.problem import Linearisation, Problem
 from ..workers import Cluster, Threads
 from .candidates import WAVES, Candidate, Screened, first_order, names, switch_columns, visible
@@ -42,6 +42,7 @@ class Search:
         self.beginnings: dict[tuple, tuple[Trial, list[Look]]] = {}
         self.sought: dict[tuple, tuple[Trial, None]] = {}
         self.reduced: dict[tuple, tuple[Trial, None]] = {}
+        self.anew: dict[tuple, tuple[Trial, Fit]] = {}
         self.grown: set[frozenset[str]] = set()
 
     def __reduce__(self):
@@ -99,6 +100,17 @@ class Search:
     def gate(self, trial: Trial) -> Gate:
         """Whether a trial leaves nothing but noise."""
         return self.look(trial).gate
+
+    def judged(self, trial: Trial) -> tuple[Trial, Gate]:
+        """A trial and whether it leaves nothing but noise; one that leaves little more has each run's initial state sought anew first."""
+        if trial.fit.rough or self.gate(trial).adequate:
+            return trial, self.gate(trial)
+        anew = self._once(self.anew, trial, lambda: each_run_anew(self.problem, trial.fit))
+        if anew is not trial.fit:
+            trial = replace(trial, fit=anew)
+            self.keep(trial)
+            self._once(self.anew, trial, lambda: anew)
+        return trial, self.gate(trial)
 
     def grow(self, trial: Trial, limit: int, against: Trial | None = None) -> list[Trial]:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them refitted.

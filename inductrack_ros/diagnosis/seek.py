@@ -46,7 +46,7 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
     ``answer`` is that under a larger noise: what failed then fails now, so that nothing else is sought if it passes again.
     """
     try:
-        gate = search.gate(root)
+        root, gate = search.judged(root)
         chosen, found_gate = (root, gate) if gate.adequate else answer and _passing(search, [answer]) or _seek(search, root)
     except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
         search.tell("interrupted: reporting what was found so far")
@@ -55,10 +55,10 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
         notes.append(INTERRUPTED)
     if len(chosen.names) > len(root.names) + 1:
         chosen = _prune(search, chosen)
-        better = _exchanged(search, chosen)
-        if better is not chosen and (search.gate(better).adequate or not found_gate.adequate):
+        better, better_gate = search.judged(_exchanged(search, chosen))
+        if better_gate.adequate or not found_gate.adequate:
             chosen = better
-        found_gate = search.gate(chosen)
+        chosen, found_gate = search.judged(chosen)
     return chosen, found_gate
 
 
@@ -126,8 +126,10 @@ def _recognised(search: Search, trial: Trial, gate: Gate) -> tuple[Trial, Gate]:
     """The trial, or one with a known effect in the place of its stand-in if that leaves noise too."""
     name = next(n for n in trial.names if n.startswith("stand_in"))
     for other in search.recognise(trial, name)[:1]:
-        if penalised(search, other) < penalised(search, trial) and (found := search.gate(other)).adequate:
-            return other, found
+        if penalised(search, other) < penalised(search, trial):
+            other, found = search.judged(other)
+            if found.adequate:
+                return other, found
     return trial, gate
 
 
@@ -138,11 +140,12 @@ def _least(search: Search, root: Trial, tried: Sequence[Trial]) -> tuple[Trial, 
         tried = [t for t in (named, *tried) if set(t.names) >= set(named.names)]
         best = _cheapest(search, tried)
     for _ in range(2):
-        if search.gate(best).adequate or best.stands_in and best.chi2 < (1 + NOISE_TOLERANCE) ** 2 * best.fit.samples:
+        best, gate = search.judged(best)
+        if gate.adequate or best.stands_in and best.chi2 < (1 + NOISE_TOLERANCE) ** 2 * best.fit.samples:
             break
         tried = [*tried, *stand_ins(search, best)[:1]]
         best = _cheapest(search, tried)
-    return best, search.gate(best)
+    return search.judged(best)
 
 
 def _cheapest(search: Search, trials: Iterable[Trial]) -> Trial:
@@ -200,9 +203,11 @@ def _passing(search: Search, ranked: list[Trial]) -> tuple[Trial, Gate] | None:
     ranked[:1] = [search.finish(t) for t in ranked[:1]]
     ranked[1:2] = [t if _far(t, ranked[0]) else search.finish(t) for t in ranked[1:2]]
     ranked[:2] = sorted(ranked[:2], key=lambda t: penalised(search, t))
-    for t in ranked[:2]:
-        if not _far(t, ranked[0]) and (gate := search.gate(t)).adequate:
-            return t, gate
+    for k, t in enumerate(ranked[:2]):
+        if not _far(t, ranked[0]):
+            ranked[k], gate = search.judged(t)
+            if gate.adequate:
+                return ranked[k], gate
     return None
 
 
@@ -251,7 +256,8 @@ def _prune(search: Search, trial: Trial) -> Trial:
         smaller = search.without(trial, name)
         if smaller.chi2 > trial.chi2 + NEEDED:
             continue
-        if search.gate(smaller).adequate or penalised(search, smaller) <= penalised(search, trial) and not _named(search, start, smaller):
+        smaller, gate = search.judged(smaller)
+        if gate.adequate or penalised(search, smaller) <= penalised(search, trial) and not _named(search, start, smaller):
             return _prune(search, smaller)
     return trial
 

@@ -37,6 +37,8 @@ NOISE_TOLERANCE, NOISE = 0.02, 5.0
 #: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these multiples, unless all are
 #: known to this part of themselves by then.
 FAR_OFF, MULTIPLES, KNOWN = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0), 0.1
+#: A fall of a run's χ² that no step of a converged fit would still have won.
+BETTER = 1.0
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
 
@@ -341,6 +343,25 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
     if near is None:
         return fit(problem, structure, None, theta, settle=True)
     return fit(problem, structure, near.states, near.theta, iterations=60, settle=not near.hopeless)
+
+
+def each_run_anew(problem: Problem, f: Fit) -> Fit:
+    """The fit with every run's initial state sought from scratch beside its parameters, refitted if one fares better for it.
+
+    An impact that a run has on the wrong side of a sample, or once too often, traps it: no step away from there is better.
+    """
+    held = Structure(f.model, ())
+
+    def task(i: int) -> np.ndarray:
+        alone = problem.subset([i])
+        alone.threads = 1
+        anew = fit_from_scratch(alone, held)
+        return anew.states[0] if anew.chi2 < chi_square([f.linear[i].residual]) - BETTER else f.states[i]
+
+    states = problem.for_runs(task)
+    if all(x is old for x, old in zip(states, f.states, strict=True)):
+        return f
+    return min(f, fit(problem, f.structure, states, f.theta, iterations=15), key=lambda f: f.chi2)
 
 
 def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, thorough: bool) -> Fit | None:
