@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from independent import campaigns
 
@@ -11,6 +12,8 @@ from inductrack_ros.data.campaign import load_campaign
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.diagnosis.unknown import stand_ins
+from inductrack_ros.estimation.fit import each_run_anew, fit
+from inductrack_ros.estimation.structure import Structure
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -78,3 +81,18 @@ def test_impacts_in_the_first_moments_of_runs_with_accelerometers(tmp_path):
     assert fit.reduced_chi2 < 1.05
     for name, value in fit.values.items():
         assert abs(value - truth["parameters"][name]) < 4 * fit.deviations[name]
+
+
+def test_a_run_that_an_impact_has_trapped_is_freed(tmp_path):
+    """The accelerometers see an impact between two samples; 40 µm higher it is between two others, and every step away is worse."""
+    truth = campaigns.write_campaign(tmp_path / "c", 18345)
+    problem, base, _ = base_fit(load_campaign(tmp_path / "c"), Model.default())
+    structure = base.structure.plus("sensor_scale:surge_acceleration")
+    known = structure.with_theta(structure.encode([truth["parameters"][n] for n in structure.free]))
+    alone = problem.subset([8])
+    state = np.array([-2.54e-5, 7.439e-4, -3.73828e-3, 2.7886e-3, 27.69872, -6.92e-5, 1.3048e-3, 4.463e-4])
+    trapped = fit(alone, Structure(known, ()), [state], iterations=60)
+    freed = each_run_anew(alone, trapped)
+    assert trapped.converged and trapped.chi2 > trapped.samples + 75
+    assert freed.chi2 < trapped.chi2 - 80
+    assert each_run_anew(alone, freed) is freed
