@@ -294,7 +294,8 @@ def _solve(problem, linear, theta, structure, states, damping, of_runs):
             solved.append(inverse)
             S = S - B @ inverse[:, :g]
             s = s - B @ inverse[:, g]
-        S += damping * np.diag(np.maximum(np.diag(S), 1e-12 * np.diag(A)))
+        told = np.diag(S) - np.diag(structure.precision)  # not the prior's: a stiff table would hardly move as a whole
+        S += damping * np.diag(np.maximum(told, 1e-12 * np.diag(A)))
         free = ~held
         step = np.zeros(g)
         if free.any():
