@@ -83,6 +83,12 @@ def test_impacts_in_the_first_moments_of_runs_with_accelerometers(tmp_path):
         assert abs(value - truth["parameters"][name]) < 4 * fit.deviations[name]
 
 
+def test_what_stands_out_by_a_hair_and_nothing_explains_is_no_verdict():
+    """One of two hundred complete models does so much by chance: nothing is missing, and a note says how much stands out."""
+    row = run(19057, "nothing")
+    assert row["right"], row
+
+
 def test_a_run_that_an_impact_has_trapped_is_freed(tmp_path):
     """The accelerometers see an impact between two samples; 40 µm higher it is between two others, and every step away is worse."""
     truth = campaigns.write_campaign(tmp_path / "c", 18345)

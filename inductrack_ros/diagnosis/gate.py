@@ -23,6 +23,8 @@ from .signatures import VARIABLES, RunResponse, basis, in_coordinate, knots, mov
 #: A complete model is turned down in at most this part of campaigns by the scores, whiteness and χ²; whiteness is only a net for
 #: what no force explains (its χ² has a heavier tail than the table's), and that shows strongly.
 LEVEL_SCORES, LEVEL_WHITENESS, LEVEL_SIZE = 0.005, 0.0001, 0.002
+#: Part of these levels above which a rejection is doubtful: it counts only if something explains what is left better than chance would.
+DOUBTFUL = 0.1
 DRAWS = 3000
 #: Basis functions per variable: coarse for all, finer too for what can change abruptly along a run.
 COARSE, FINE = 8, 40
@@ -53,6 +55,17 @@ class Gate:
     p_whiteness: float
     p_size: float
     tests: tuple[Test, ...] = field(repr=False)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it was rejected by a hair."""
+        parts = (self.p_scores, LEVEL_SCORES), (self.p_whiteness, LEVEL_WHITENESS), (self.p_size, LEVEL_SIZE)
+        return not self.adequate and all(p > DOUBTFUL * level for p, level in parts)
+
+    @property
+    def smallest(self) -> float:
+        """The smallest of the three p-values."""
+        return min(self.p_scores, self.p_whiteness, self.p_size)
 
 
 class Projector:
