@@ -234,6 +234,8 @@ def _words(chosen: bool, trial: Trial, parent: Trial, search: Search) -> str:
     """For and against a candidate, in a sentence."""
     left = trial.fit.reduced_chi2
     part = (parent.chi2 - trial.chi2) / max(parent.chi2 - min(t.chi2 for t in search.trials.values()), 1e-9)
+    if part < 0:
+        return f"makes it worse: χ² per sample {left:.3g}"
     if chosen:
         return f"explains {100 * part:.0f} % of what can be explained; χ² per sample falls to {left:.3g}"
     return f"explains {100 * part:.0f} %; leaves χ² per sample at {left:.3g}"
