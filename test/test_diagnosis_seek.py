@@ -13,6 +13,8 @@ from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.race import Trial
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.diagnosis.seek import QUICK_FIRST, _one_more_explains, _passing, _varied, find
+from inductrack_ros.diagnosis.signatures import VARIABLES
+from inductrack_ros.diagnosis.unknown import penalised, stand_ins
 from inductrack_ros.estimation.fit import fit, fit_from_scratch
 
 PRACTICE = Path(__file__).parent / "data" / "practice"
@@ -91,3 +93,16 @@ def test_an_effect_at_a_share_of_its_size():
     half = structure.decode(at.weakened("track_inductance", 0.5))
     assert half == pytest.approx(at.values | {"track_inductance.relative_change": 0.2})
     assert np.array_equal(at.weakened("track_inductance", 1.0), at.theta)
+
+
+def test_two_known_effects_are_recognised_in_a_force_of_any_shape():
+    """A slope and a drag are one smooth force of the speed: what it does to the measurements says which two they are."""
+    hidden = {"track_slope": {"angle": 0.02}, "skin_friction_drag": {"wetted_area": 5.0}}
+    campaign = simulated([12, 18, 24, 30], seconds=0.8, model=Model.create(effects=hidden))
+    search = Search(*base_fit(campaign, Model.default())[:2])
+    force = stand_ins(search, root(search))[0]
+    assert force.names == ("stand_in_surge",) and VARIABLES[int(force.fit.model.effects["stand_in_surge"]["variable"])] == "surge_rate"
+    known = search.recognise_two(force, "stand_in_surge")[0]
+    assert set(known.names) == set(hidden)
+    assert known.chi2 < force.chi2 + 25 and penalised(search, known) < penalised(search, force)
+    assert known.fit.values["track_slope.angle"] == pytest.approx(0.02, abs=0.002)

@@ -138,11 +138,11 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
 
 
 def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """For each effect found, what could stand in its place within `TWINS` of χ²; beside a force of any shape only what was tried there."""
+    """For each effect found, what could stand in its place within `TWINS` of χ²; beside a force of any shape only what acts alike."""
     twins = {}
     for name in effects:
         added = frozenset(chosen.names) - {name}
-        others = search.siblings(chosen, name) if chosen.stands_in else search.rivals(chosen, name)
+        others = search.recognise(chosen, name) if chosen.stands_in else search.rivals(chosen, name)
         close = [search.finish(t) for t in others if t.chi2 < chosen.chi2 + CLOSE]
         rivals = sorted((t.chi2, next(iter(frozenset(t.names) - added))) for t in close if t.chi2 < chosen.chi2 + TWINS)
         if rivals:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from ..estimation.fit import ROUGH, Fit, each_run_anew, fit, fit_from_scratch, growing, rough_fit
 from ..estimation.problem import Linearisation, Problem
+from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from .candidates import WAVES, Candidate, Screened, first_order, names, switch_columns, visible
 from .gate import Gate, Projector
@@ -25,6 +27,8 @@ QUICK_LATER, FULL = 12, 4
 MARGIN = 6.6
 #: Effects that, the nuisance projected out, do to the measurements what another does, as parallel as this, are tried in its place.
 ALIKE = 0.95
+#: So many of the pairs that come nearest to an effect are tried in its place.
+PAIRS = 3
 #: What is left of an effect at each step while another takes its place.
 SHARES = (0.9, 0.7, 0.3, 0.0)
 
@@ -160,13 +164,36 @@ class Search:
 
         alike = [(s, size) for s, size in self._alike(trial, name) if not found(s)]
         for s, size in alike:
-            self._exchange(trial, name, s, size)
+            self._exchange(trial, name, [s], size)
         left = [s.candidate for s, _ in alike if not found(s)]
         for t in self._from_scratch(parent, left, trial) if left else ():
             self.keep(t)
 
     def _alike(self, trial: Trial, name: str) -> list[tuple[Screened, np.ndarray]]:
         """Candidates that would do to the measurements what one effect of a trial does, and the size (p,) at which they would."""
+        project, wanted, standing = self._beside(trial, name)
+        return [
+            (s, _size_of(project, [s], wanted))
+            for s, columns in standing
+            if self._act_alike(name, s.candidate.name) or np.linalg.norm(np.linalg.qr(columns)[0].T @ wanted) > ALIKE * np.linalg.norm(wanted)
+        ]
+
+    def _two_alike(self, trial: Trial, name: str) -> list[tuple[tuple[Screened, Screened], np.ndarray]]:
+        """Pairs of candidates that would together do what one effect of a trial does, and the size (p,) at which they would; the best `PAIRS`."""
+        project, wanted, standing = self._beside(trial, name)
+        seen = [(s, np.linalg.qr(columns)[0]) for s, columns in standing if columns.shape[1] and s.candidate.name != WAVES]
+        edges = np.cumsum([0] + [q.shape[1] for _, q in seen])
+        together = np.hstack([q for _, q in seen])
+        gram, told = together.T @ together, together.T @ wanted / np.linalg.norm(wanted)
+        shares = []
+        for i, j in combinations(range(len(seen)), 2):
+            both = np.r_[edges[i] : edges[i + 1], edges[j] : edges[j + 1]]
+            shares.append((told[both] @ np.linalg.lstsq(gram[np.ix_(both, both)], told[both], rcond=1e-9)[0], (seen[i][0], seen[j][0])))
+        best = sorted((s for s in shares if s[0] > ALIKE**2), key=lambda s: -s[0])[:PAIRS]
+        return [(pair, _size_of(project, pair, wanted)) for _, pair in best]
+
+    def _beside(self, trial: Trial, name: str) -> tuple[Projector, np.ndarray, list[tuple[Screened, np.ndarray]]]:
+        """What one effect of a trial does to the measurements (N,), and what (N, p) each candidate would, the other nuisance projected out."""
         f = trial.fit
         mine = [k for k, full in enumerate(f.structure.free) if full.rpartition(".")[0] == name]
         project = Projector(self.problem, f, leave=mine)
@@ -178,12 +205,7 @@ class Search:
         else:
             made = switch_columns(self.problem, f, responses, name)
         wanted = project(project.stack(made))[:, 0]
-        found = []
-        for s in [*seen, *first_order(self.problem, f, responses, sorted(hidden), project)]:
-            other = visible(project, s.columns)
-            if self._act_alike(name, s.candidate.name) or np.linalg.norm(np.linalg.qr(other)[0].T @ wanted) > ALIKE * np.linalg.norm(wanted):
-                found.append((s, np.linalg.lstsq(project(project.stack(s.columns)), wanted, rcond=1e-6)[0]))
-        return found
+        return project, wanted, [(s, visible(project, s.columns)) for s in [*seen, *first_order(self.problem, f, responses, sorted(hidden), project)]]
 
     def _act_alike(self, one: str, other: str) -> bool:
         """Whether two effects change the same quantity, as the thrust: after an impact first order may no longer see that they are one."""
@@ -194,33 +216,46 @@ class Search:
     def recognise(self, trial: Trial, name: str) -> list[Trial]:
         """Trials with a known effect that does the same to the measurements in the place of one of a trial's; best first."""
         for screened, size in self._alike(trial, name):
-            self._exchange(trial, name, screened, size)
+            self._exchange(trial, name, [screened], size)
         return self.siblings(trial, name)
 
-    def _exchange(self, trial: Trial, name: str, screened: Screened, size: np.ndarray) -> None:
-        """Try a candidate in the place of a trial's effect from where the trial stands, for a start from scratch may end elsewhere.
+    def recognise_two(self, trial: Trial, name: str) -> list[Trial]:
+        """Trials with two known effects that together do the same to the measurements in the place of one of a trial's; best first."""
+        found = [self._exchange(trial, name, pair, size) for pair, size in self._two_alike(trial, name)]
+        return sorted((t for t in found if t), key=lambda t: t.chi2)
+
+    def _exchange(self, trial: Trial, name: str, others: Sequence[Screened], size: np.ndarray) -> Trial | None:
+        """Try candidates in the place of a trial's effect from where the trial stands, for a start from scratch may end elsewhere.
 
         The effect is held at ever less of its size, the rest fitted beside it; each step sets out along the last.
         """
-        f, candidate = trial.fit, screened.candidate
+        f = trial.fit
         rest, known = f.narrowed(name)
-        states, theta, before = f.states, np.append(known, rest.plus(candidate.name).start[len(known) :]), 1.0
+
+        def with_others(structure: Structure) -> Structure:
+            for s in others:
+                structure = structure.plus(s.candidate.name)
+            return structure
+
+        states, theta, before = f.states, np.append(known, with_others(rest).start[len(known) :]), 1.0
         way, ways = np.zeros(len(theta)), [np.zeros(8)] * len(states)
-        if candidate.parameters == len(size):  # not a wave's, whose columns are sines and cosines
+        if sum(s.candidate.parameters for s in others) == len(size):  # not a wave's, whose columns are sines and cosines
             way[len(known) :] = size
         for share in SHARES if len(rest.free) < len(f.structure.free) else SHARES[-1:]:
             given = before - share
             structure = replace(rest, model=f.structure.with_theta(f.weakened(name, share))) if share else rest
             starts = [x + given * w for x, w in zip(states, ways, strict=True)]
-            new = fit(self.problem, structure.plus(candidate.name), starts, theta + given * way, iterations=5, settle=True)
+            new = fit(self.problem, with_others(structure), starts, theta + given * way, iterations=5, settle=True)
             if new.rough and not f.rough:
-                return
+                return None
             way, ways = (new.theta - theta) / given, [(x - old) / given for x, old in zip(new.states, states, strict=True)]
             states, theta, before = new.states, new.theta, share
         new = fit(self.problem, new.structure, states, theta, settle=True)
-        if np.isfinite(new.chi2):
-            freedom = {n: price for n, price in trial.freedom.items() if n != name}
-            self.keep(Trial(new, (*(n for n in trial.names if n != name), candidate.name), True, freedom))
+        if not np.isfinite(new.chi2):
+            return None
+        names = (*(n for n in trial.names if n != name), *(s.candidate.name for s in others))
+        self.keep(Trial(new, names, True, {n: price for n, price in trial.freedom.items() if n != name}))
+        return self.trials[frozenset(names)]
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, over the workers."""
@@ -240,7 +275,7 @@ class Search:
         best: Fit | None = None
         for start in candidate.starts:
             structure, theta = trial.fit.widened(candidate.name, start)
-            known = None if start or not candidate.parameters else _beside(trial.fit.linear, screened.columns)
+            known = None if start or not candidate.parameters else _widened(trial.fit.linear, screened.columns)
             new = fit(self.single, structure, trial.fit.states, theta, 1, tolerance=0.5, reuse=trial.fit.linear, linear=known)
             if best is None or new.chi2 < best.chi2:
                 best = new
@@ -319,6 +354,12 @@ class Search:
         return trial
 
 
-def _beside(linear: Sequence[Linearisation], columns: Sequence[np.ndarray]) -> list[Linearisation]:
+def _size_of(project: Projector, others: Sequence[Screened], wanted: np.ndarray) -> np.ndarray:
+    """The size (p,) at which candidates come nearest to a vector (N,)."""
+    columns = np.hstack([project(project.stack(s.columns)) for s in others])
+    return np.linalg.lstsq(columns, wanted, rcond=1e-6)[0]
+
+
+def _widened(linear: Sequence[Linearisation], columns: Sequence[np.ndarray]) -> list[Linearisation]:
     """A fit's linearisation with a candidate's columns beside its own."""
     return [replace(part, by_theta=np.hstack([part.by_theta, c])) for part, c in zip(linear, columns, strict=True)]

@@ -55,11 +55,13 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
         found_gate = search.gate(chosen)
         notes.append(INTERRUPTED)
     if len(chosen.names) > len(root.names) + 1:
-        chosen = _prune(search, chosen)
+        chosen, found_gate = search.judged(_prune(search, chosen))
+    if chosen.stands_in and found_gate.adequate:
+        chosen, found_gate = _recognised(search, chosen, found_gate)
+    if len(chosen.names) > len(root.names) + 1:
         better, better_gate = search.judged(_exchanged(search, chosen))
         if better_gate.adequate or not found_gate.adequate:
-            chosen = better
-        chosen, found_gate = search.judged(chosen)
+            chosen, found_gate = better, better_gate
     if found_gate.doubtful and not chosen.stands_in and INTERRUPTED not in notes:
         notes.append(f"the tests find something left (p = {found_gate.smallest:.2g}), but nothing tried explains it better than chance would")
         found_gate = replace(found_gate, adequate=True)
@@ -118,7 +120,7 @@ def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Tri
         for known in range(MOST_EFFECTS):
             found = _grown(search, found[0], BESIDE) if known else stand_ins(search, start)[:1]
             if passing := _passing(search, found):
-                return _recognised(search, *passing)
+                return passing
             tried.extend(found[:1])
             if not found or found[0].chi2 > NEAR * found[0].fit.samples or not _explains(found[0], root):
                 break
@@ -127,13 +129,15 @@ def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Tri
 
 
 def _recognised(search: Search, trial: Trial, gate: Gate) -> tuple[Trial, Gate]:
-    """The trial, or one with a known effect in the place of its stand-in if that leaves noise too."""
+    """The trial, or one with a known effect, or two, in the place of its stand-in if that leaves noise too."""
     name = next(n for n in trial.names if n.startswith("stand_in"))
-    for other in search.recognise(trial, name)[:1]:
-        if penalised(search, other) < penalised(search, trial):
-            other, found = search.judged(other)
-            if found.adequate:
-                return other, found
+    room = len(trial.names) - len(search.base.structure.effects) < MOST_EFFECTS
+    for recognise in (search.recognise, search.recognise_two)[: 1 + room]:
+        for other in recognise(trial, name)[:1]:
+            if penalised(search, other) < penalised(search, trial):
+                other, found = search.judged(other)
+                if found.adequate:
+                    return other, found
     return trial, gate
 
 

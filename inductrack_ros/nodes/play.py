@@ -30,6 +30,8 @@ class Player(Node):
         super().__init__("play")
         self._options = options
         self.finished = False
+        if not Path(options.bag).exists():
+            raise InputError(f"{options.bag}: no such bag")
         allow_files_of(options.bag)
         try:
             self._reader = AnyReader([Path(options.bag)])
