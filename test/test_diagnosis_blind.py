@@ -56,6 +56,14 @@ def test_a_force_of_the_speed_that_looks_straight_at_first():
     assert row["found_unknown"] == ["sway", ["surge_rate"]]
 
 
+def test_a_thrust_that_changes_along_the_track():
+    """A force of two variables: where nothing drives it is not there, and it grows with the thrust."""
+    row = run(18423, None)
+    assert row["right"], row
+    assert row["found_unknown"] == ["surge", ["surge", "drive"]]
+    assert abs(row["off"]["gamma"]) < 2
+
+
 def test_a_faint_known_effect_beside_a_strong_unknown_force():
     """Once the force is stood in for, first order says what else is missing: a drag, not a second unknown."""
     row = run(15045, None)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_diagnosis_input import simulated
 
-from inductrack_ros.core.effects.stand_in import basis
+from inductrack_ros.core.effects.stand_in import ACTS_ON, basis
 from inductrack_ros.core.model import Model
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.search import Search
@@ -47,13 +47,29 @@ def test_one_sided_differences_say_the_same_way(problem_and_fit):
         assert np.linalg.norm(quick.by_state - central.by_state) < 0.01 * np.linalg.norm(central.by_state)  # an impact jumps
 
 
+@pytest.mark.parametrize("what", ACTS_ON)
+def test_the_response_to_a_table_is_what_the_simulation_does(problem_and_fit, what):
+    """Of a force in each coordinate and of a share of the thrust, over the first moments, before runs tip over."""
+    problem, base = problem_and_fit[0].within(0.1), problem_and_fit[1]
+    table = {"variable": 0.0, "start": 0.0, "step": 0.5, "knots": 8.0, "values": (0.0,) * 8}
+    structure, theta = base.widened(f"stand_in_{what}", table, [f"values[{i}]" for i in range(8)])
+    mine = structure.tables[f"stand_in_{what}"]
+    parts = problem.linearise(structure, theta, base.states)
+    nothing = problem.residuals(structure, theta, base.states)
+    moved = theta.copy()
+    moved[mine] += [0.0, 0.3, 0.1, -0.2, 0.3, 0.1, 0.2, 0.0]
+    for part, before, after in zip(parts, nothing, problem.residuals(structure, moved, base.states), strict=True):
+        told = part.by_theta[:, mine] @ (moved - theta)[mine]
+        assert np.linalg.norm(before - after - told) < 0.02 * np.linalg.norm(told)
+
+
 def test_a_table_is_as_smooth_as_the_data_say():
     """A straight law is given next to no freedom, a narrow peak what it needs; either is found within its noise."""
     rng = np.random.default_rng(0)
     u = rng.uniform(0, 31, 4000)
     columns = basis(u, 0.0, 1.0, 32)
     straight, peak = 0.2 * u, 5 * np.exp(-(((u - 12) / 1.5) ** 2))
-    found = [smoothest(columns, law + rng.standard_normal(u.size)) for law in (straight, peak)]
+    found = [smoothest("stand_in_heave", columns, law + rng.standard_normal(u.size)) for law in (straight, peak)]
     inner = (u > 2) & (u < 29)
     for law, table in zip((straight, peak), found, strict=True):
         assert np.abs(columns @ table.values - law)[inner].max() < 0.5
@@ -63,7 +79,7 @@ def test_a_table_is_as_smooth_as_the_data_say():
 
 def test_a_table_promises_nothing_where_the_responses_left_all_bounds():
     with np.errstate(over="ignore", invalid="ignore"):
-        table = smoothest(np.eye(50)[:, :33] * 1e150, np.ones(50))
+        table = smoothest("stand_in_heave", np.eye(50)[:, :33] * 1e150, np.ones(50))
     assert not table.promise > 0
 
 

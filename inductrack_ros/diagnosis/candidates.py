@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from ..core import kernel as kernels
+from ..core.effects import FORCES as TOTALS
 from ..core.effects import catalogue
-from ..core.state import INDEX
 from ..estimation.fit import Fit
 from ..estimation.problem import Linearisation, Problem
 from ..estimation.structure import Structure
@@ -131,15 +130,15 @@ def switch_columns(problem: Problem, fit: Fit, responses: Sequence[RunResponse],
         after = problem.residuals(other, fit.theta, fit.states)
         return [(p.residual - r)[:, None] for p, r in zip(fit.linear, after, strict=True)]
     columns = []
-    for i, r in enumerate(responses):
-        change = _forces(problem, other, fit.theta, i, r) - _forces(problem, structure, fit.theta, i, r)
+    for r in responses:
+        change = r.quantities(TOTALS, on=other.model.switches) - r.quantities(TOTALS)
         columns.append(r.respond(change[:, :, None]))
     return columns
 
 
 def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project: Projector) -> list[Screened]:
     """Waviness at every wavelength the runs can tell apart: the best few, with amplitude and phase to start from."""
-    stiffness = [_track_stiffness(problem, fit, i, r) for i, r in enumerate(responses)]
+    stiffness = [_track_stiffness(r) for r in responses]
     reach = max(float(np.ptp(r.variables["surge"])) for r in responses)
     speeds = np.concatenate([r.variables["surge_rate"] for r in responses])
     fastest = max(float(np.nanmax(speeds)), 1e-3)
@@ -173,27 +172,11 @@ def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], 
     return [Screened(candidate, tried[0][0], tried[0][3], tried[0][4])]
 
 
-def _track_stiffness(problem: Problem, fit: Fit, i: int, response: RunResponse) -> np.ndarray:
+def _track_stiffness(response: RunResponse) -> np.ndarray:
     """Generalised force per height of the track, (n, 4), along a run: minus its derivative by heave."""
     h = 1e-5
-    above, below = (_forces(problem, fit.structure, fit.theta, i, response, raised) for raised in (h, -h))
+    above, below = (response.quantities(TOTALS, raised) for raised in (h, -h))
     return (below - above) / (2 * h)
-
-
-def _forces(problem: Problem, structure: Structure, theta: np.ndarray, i: int, response: RunResponse, raised: float = 0.0) -> np.ndarray:
-    """Generalised force (n, 4) along run i, the cradle ``raised`` above where it was (m)."""
-    data, model = problem.runs[i], structure.model
-    P = structure.vectors(theta[None])[0]
-    P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
-    dx, q, x = np.zeros(len(model.kernel.states)), np.zeros(len(kernels.QUANTITIES)), np.zeros(len(model.kernel.states))
-    forces = [kernels.QUANTITIES.index(n) for n in ("force_surge", "force_sway", "force_heave", "moment_roll")]
-    out = np.zeros((len(response.grid), 4))
-    for k, t in enumerate(response.grid):
-        x[:8] = response.outputs[k, :8]
-        x[INDEX["heave"]] += raised
-        model.kernel.evaluate(t, x, P, model.switches, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
-        out[k] = q[forces]
-    return out
 
 
 def effect_columns(screened: Sequence[Screened]) -> dict[str, list[np.ndarray]]:

@@ -87,6 +87,10 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     notes += support.leftover(problem, chosen.fit, campaign.noise_std, found_gate)
     f = chosen.fit
     deviations = f.deviations
+    if "gamma" in deviations and (table := f.model.effects.get("stand_in_thrust")):
+        # which part of a thrust that changes is γ's, and which the change's, no data say
+        deviations["gamma"] = float(np.hypot(deviations["gamma"], f.values["gamma"] * np.std(table["values"][: int(table["knots"])])))
+        notes.append("gamma is that of the mean thrust; as the thrust changes, its interval spans the change")
     return Diagnosis(
         campaign=campaign.name,
         verdict=verdict,
@@ -185,9 +189,8 @@ def _by_channel(problem: Problem, residuals: Sequence[np.ndarray]) -> dict[str, 
 def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str], steps: Sequence[Step]) -> Unknown:
     """What is known of the unknown: the first stand-in's curve, or where the gate's most telling force law points."""
     if not stand_in:
-        law = next((t.name for t in gate.tests if t.name.startswith("force in ")), "force in heave on surge")
-        channel, _, variable = law.removeprefix("force in ").partition(" on ")
-        return Unknown(channel, (variable,), float("nan"), "N·m" if channel == "roll" else "N", *(np.empty(0),) * 3)
+        law = next((t.law for t in gate.tests if t.law), ("heave", "surge"))
+        return Unknown.of(*law, float("nan"), *(np.empty(0),) * 3)
     f, name = chosen.fit, stand_in[0]
     table = f.model.effects[name]
     count = int(table["knots"])
@@ -198,9 +201,8 @@ def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str],
     scale = f.structure.scale[mine]
     covariance = f.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
     band = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shapes, covariance, shapes), 0.0))
-    channel = name.removeprefix("stand_in_")
-    peak = float(force[np.argmax(np.abs(force))])
-    return Unknown(channel, (VARIABLES[int(table["variable"])],), peak, "N·m" if channel == "roll" else "N", u, force, band)
+    peak = float(force[np.argmax(np.abs(force) - band)])  # the largest that is sure: a table's ends are not
+    return Unknown.of(name.removeprefix("stand_in_"), VARIABLES[int(table["variable"])], peak, u, force, band)
 
 
 def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:

@@ -135,6 +135,8 @@ def _look_closer(unknown: Unknown) -> str:
     if unknown.at.size:
         on = np.abs(unknown.force) > 0.2 * np.abs(unknown.force).max()
         where = f" between {unknown.at[on].min():.3g} and {unknown.at[on].max():.3g}" if on.any() else ""
+    if "drive" in unknown.depends_on[1:]:
+        return "repeat a driven run with half of its current and coasting: a change of the thrust halves and vanishes, any other force stays"
     if variable == "surge":
         return f"coast slowly and at two further speeds over the track{where + ' m' if where else ''}, with gaps recorded: what depends on the place alone repeats there at every speed"
     if variable == "time":

@@ -1,7 +1,7 @@
 """Is anything missing at all? Many tests, one calibrated answer.
 
 Every test is a quadratic form in the residual after the nuisance (free parameters, initial states) is projected out:
-the score of each catalogue effect (Rao), and of a force of any shape in each coordinate on each variable (`signatures`),
+the score of each catalogue effect (Rao), and of a force of any shape on each thing it may act on and depend on (`signatures`),
 plus whiteness (Ljung–Box) and the size of χ². Their smallest p-value is compared with its own distribution over
 complete models, drawn from the joint Gaussian of all scores (Westfall and Young), so that a complete model is called adequate
 in at least 95 of 100 campaigns whatever the campaign is.
@@ -15,10 +15,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg, special, stats
 
-from ..core.state import COORDINATES
 from ..estimation.fit import LOST, NOISE_TOLERANCE, Fit
 from ..estimation.problem import STATE_PRIOR, Problem
-from .signatures import VARIABLES, RunResponse, basis, in_coordinate, knots, moving_coordinates
+from .signatures import VARIABLES, RunResponse, acts_on, basis, in_words, knots
 
 #: A complete model is turned down in at most this part of campaigns by the scores, whiteness and χ²; whiteness is only a net for
 #: what no force explains (its χ² has a heavier tail than the table's), and that shows strongly.
@@ -33,12 +32,16 @@ LAGS = 12
 
 @dataclass(frozen=True)
 class Test:
-    """One test: its name, statistic, degrees of freedom and log p-value if it were the only one."""
+    """One test: its name, statistic, degrees of freedom and log p-value if it were the only one.
+
+    ``law`` is what a force of any shape acts on and depends on, where the test is of one.
+    """
 
     name: str
     statistic: float
     dof: int
     log_p: float
+    law: tuple[str, str] | None = None
 
     @property
     def p_value(self) -> float:
@@ -106,20 +109,16 @@ def _orthonormal(a: np.ndarray) -> np.ndarray:
     return u[:, s > 1e-10 * max(s.max(initial=0.0), 1e-300)]
 
 
-def force_families(problem: Problem, runs: Sequence[RunResponse]) -> list[tuple[str, list[np.ndarray]]]:
-    """A force of any shape in each coordinate on each variable: names (``heave on surge``) and columns (m_i, l) per run."""
-    shapes = []
-    for variable in VARIABLES:
-        for count in (COARSE, FINE) if variable in ("surge", "time") else (COARSE,):
-            if (laid := knots(runs, variable, count)) is not None:
-                shapes.append((variable, [basis(r.variables[variable], *laid, count) for r in runs]))
-    edges = np.cumsum([0] + [parts[0].shape[1] for _, parts in shapes])
-    together = [np.hstack([parts[i] for _, parts in shapes]) for i in range(len(runs))]
+def force_families(problem: Problem, runs: Sequence[RunResponse]) -> list[tuple[tuple[str, str], list[np.ndarray]]]:
+    """A force of any shape on all it may act on and depend on: laws (``heave``, ``surge``) and columns (m_i, l) per run."""
+    laid = [(v, at, n) for v in VARIABLES for n in ((COARSE, FINE) if v in ("surge", "time") else (COARSE,)) if (at := knots(runs, v, n)) is not None]
     families = []
-    for coordinate in moving_coordinates(problem.dof):
-        columns = [r.respond(in_coordinate(coordinate, h)) for r, h in zip(runs, together, strict=True)]
+    for what, variables in acts_on(runs, problem.dof).items():
+        shapes = [(v, [basis(r.variables[v], *at, n) for r in runs]) for v, at, n in laid if v in variables]
+        edges = np.cumsum([0] + [parts[0].shape[1] for _, parts in shapes])
+        columns = [r.respond(r.forces(what, np.hstack([parts[i] for _, parts in shapes]))) for i, r in enumerate(runs)]
         for (variable, _), a, b in zip(shapes, edges[:-1], edges[1:], strict=True):
-            families.append((f"{COORDINATES[coordinate]} on {variable}", [c[:, a:b] for c in columns]))
+            families.append(((what, variable), [c[:, a:b] for c in columns]))
     return families
 
 
@@ -132,14 +131,14 @@ def check(
     seed: int = 0,
 ) -> Gate:
     """Decide whether the fitted model is adequate. ``effect_columns`` are signatures (m_i, l) of catalogue effects by name."""
-    names, blocks = [], []
+    named, blocks = [], []
     for name, parts in (effect_columns or {}).items():
-        names.append(name)
+        named.append((name, None))
         blocks.append(project(project.stack(parts)))
-    for name, parts in force_families(problem, runs):
-        names.append(f"force in {name}")
+    for law, parts in force_families(problem, runs):
+        named.append((in_words(*law), law))
         blocks.append(project(project.stack(parts)))
-    tests, p_scores = _score_tests(names, blocks, project.residual, np.random.default_rng(seed))
+    tests, p_scores = _score_tests(named, blocks, project.residual, np.random.default_rng(seed))
     white = _whiteness(problem, fit)
     tests += white
     p_white = min(1.0, len(white) * min((t.p_value for t in white), default=1.0))
@@ -149,10 +148,10 @@ def check(
     return Gate(adequate, p_scores, p_white, size.p_value, tuple(sorted(tests, key=lambda t: t.log_p)))
 
 
-def _score_tests(names, blocks, residual, rng) -> tuple[list[Test], float]:
+def _score_tests(named, blocks, residual, rng) -> tuple[list[Test], float]:
     """Each block's score test, and the p-value of the smallest over their joint null distribution (or a bound on it, where tiny)."""
     kept, roots = [], []
-    for name, block in zip(names, blocks, strict=True):
+    for name, block in zip(named, blocks, strict=True):
         values, vectors = np.linalg.eigh(block.T @ block)
         good = values > max(1e-8 * values.max(initial=0.0), 1e-10)
         if good.any():
@@ -163,7 +162,7 @@ def _score_tests(names, blocks, residual, rng) -> tuple[list[Test], float]:
     dof = np.array([root.shape[1] for root in roots])
     observed = np.array([np.sum((root.T @ (block.T @ residual)) ** 2) for (_, block), root in zip(kept, roots, strict=True)])
     log_p = stats.chi2.logsf(observed, dof)
-    tests = [Test(n, float(o), int(d), float(q)) for (n, _), o, d, q in zip(kept, observed, dof, log_p, strict=True)]
+    tests = [Test(n, float(o), int(d), float(q), law) for ((n, law), _), o, d, q in zip(kept, observed, dof, log_p, strict=True)]
     if (bound := len(kept) * float(np.exp(log_p.min()))) < 0.1 * LEVEL_SCORES:  # Bonferroni settles it
         return tests, bound
     joint = np.hstack([block @ root for (_, block), root in zip(kept, roots, strict=True)])

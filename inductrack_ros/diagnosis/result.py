@@ -13,6 +13,8 @@ import numpy as np
 
 from ..core.model import Model
 
+#: Unit of an unknown change of the thrust.
+OF_THRUST = "of the thrust"
 VERDICTS = ("adequate", "missing_effect", "unknown_effect")
 
 
@@ -64,7 +66,10 @@ class Limit:
 
 @dataclass(frozen=True)
 class Unknown:
-    """A misfit no effect explains: its coordinate, what it depends on, its peak, and its curve with a 95 % band."""
+    """A misfit no effect explains: its coordinate, what it depends on, its peak, and its curve with a 95 % band.
+
+    The curve is over the first of ``depends_on``; a change of the thrust is its share, and depends on the drive too.
+    """
 
     channel: str
     depends_on: tuple[str, ...]
@@ -74,6 +79,13 @@ class Unknown:
     force: np.ndarray
     band: np.ndarray
     rivals: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, acts_on: str, variable: str, peak: float, at: np.ndarray, force: np.ndarray, band: np.ndarray) -> Unknown:
+        """The unknown of a stand-in that acts on a coordinate or on the thrust."""
+        if acts_on == "thrust":
+            return cls("surge", (variable, "drive"), peak, OF_THRUST, at, force, band)
+        return cls(acts_on, (variable,), peak, "N·m" if acts_on == "roll" else "N", at, force, band)
 
 
 @dataclass(frozen=True)

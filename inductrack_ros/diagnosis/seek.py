@@ -224,7 +224,7 @@ def _points_to_known(search: Search, trial: Trial) -> bool:
     look = search.near(trial)[0]
     known = max((s.promise for s in look.screened), default=0.0)
     price = np.log(look.fit.samples)
-    force = max((t.statistic - t.dof * price for t in look.gate.tests if t.name.startswith("force in ")), default=0.0)
+    force = max((t.statistic - t.dof * price for t in look.gate.tests if t.law), default=0.0)
     return known > PREFER_KNOWN * force
 
 

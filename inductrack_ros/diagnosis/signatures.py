@@ -12,7 +12,7 @@ from ..estimation.fit import Fit
 from ..estimation.problem import Problem
 from ..estimation.response import VARIABLES, RunResponse
 
-__all__ = ["VARIABLES", "RunResponse", "basis", "in_coordinate", "knots", "moving_coordinates", "responses"]
+__all__ = ["VARIABLES", "RunResponse", "basis", "acts_on", "in_words", "knots", "responses"]
 
 
 def responses(problem: Problem, fit: Fit) -> list[RunResponse]:
@@ -31,13 +31,18 @@ def knots(responses: Sequence[RunResponse], variable: str, count: int) -> tuple[
     return float(low), float((high - low) / (count - 1))
 
 
-def in_coordinate(coordinate: int, histories: np.ndarray) -> np.ndarray:
-    """Force histories (n, 4, l) from those (n, l) of one coordinate."""
-    forces = np.zeros((histories.shape[0], 4, histories.shape[1]))
-    forces[:, coordinate] = histories
-    return forces
+def acts_on(runs: Sequence[RunResponse], dof: int) -> dict[str, tuple[str, ...]]:
+    """What a force of any shape may act on in these runs, each with the variables it may depend on.
+
+    A share of the thrust is more than a force only where runs were driven differently, and depends on more than the drive.
+    """
+    found = {c: VARIABLES for c in COORDINATES if c in MOVING[dof]}
+    drives = {r.data.run.drive_current if r.data.averaged else 0.0 for r in runs}
+    if "surge" in found and len(drives) > 1:
+        found["thrust"] = tuple(v for v in VARIABLES if v != "drive")
+    return found
 
 
-def moving_coordinates(dof: int) -> list[int]:
-    """Indices of the coordinates that move."""
-    return [i for i, c in enumerate(COORDINATES) if c in MOVING[dof]]
+def in_words(what: str, variable: str) -> str:
+    """``force in heave on surge``."""
+    return f"{'share of the thrust' if what == 'thrust' else f'force in {what}'} on {variable}"

@@ -30,16 +30,16 @@ class Smooth:
     occam: float
 
 
-def smoothest(columns: np.ndarray, residual: np.ndarray) -> Smooth:
-    """The table whose columns (N, l), what each value does to the measurements over noise, explain a residual (N,) best."""
+def smoothest(effect: str, columns: np.ndarray, residual: np.ndarray) -> Smooth:
+    """The table of a stand-in whose columns (N, l), what each value does to the measurements over noise, explain a residual (N,) best."""
     gram, score = columns.T @ columns, columns.T @ residual
     unit = max(np.trace(gram) / len(gram), 1e-12)  # where no run has been at all, any will do
     gram += np.diag(np.full(len(gram), 1e-12 * unit))  # nothing is known where no run has been
-    return max((_with_weight(gram, score, unit * w) for w in WEIGHTS), key=lambda s: s.promise)
+    return max((_with_weight(effect, gram, score, unit * w) for w in WEIGHTS), key=lambda s: s.promise)
 
 
-def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float) -> Smooth:
-    prior = roughness(len(gram), weight)
+def _with_weight(effect: str, gram: np.ndarray, score: np.ndarray, weight: float) -> Smooth:
+    prior = roughness(effect, len(gram), weight)
     posterior = gram + prior
     try:
         values = np.linalg.solve(posterior, score)
@@ -56,7 +56,7 @@ def smoothed(problem: Problem, fit: Fit, effect: str) -> tuple[Structure, float]
     project = Projector(problem, fit, leave=table)
     scale = fit.structure.scale[table]
     columns = project(project.stack([part.by_theta[:, table] / scale for part in fit.linear]))
-    best = smoothest(columns, project.residual + columns @ (fit.theta[table] * scale))
+    best = smoothest(effect, columns, project.residual + columns @ (fit.theta[table] * scale))
     return replace(fit.structure, smoothness={**fit.structure.smoothness, effect: best.weight}), best.occam
 
 

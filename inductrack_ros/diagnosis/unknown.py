@@ -1,6 +1,6 @@
 """A misfit that no effect explains: which coordinate, what it depends on, its shape, and a smooth stand-in.
 
-Every coordinate and variable is tried with a force of any smooth shape, first to first order (`signatures`), then the best in full
+All that a force may act on and depend on is tried with one of any smooth shape, first to first order (`signatures`), then the best in full
 simulation as a ``stand_in_*`` effect, whose table is refined where the force acts.
 """
 
@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.state import COORDINATES
+from ..core.effects.stand_in import ACTS_ON
 from ..estimation.fit import Fit, fit
 from .gate import Projector
 from .look import Look
 from .race import Start, Trial
 from .search import Search
-from .signatures import VARIABLES, RunResponse, basis, in_coordinate, moving_coordinates, responses
+from .signatures import VARIABLES, RunResponse, acts_on, basis, in_words, responses
 from .smooth import smoothest
 
 #: Intervals of the table that every variable is tried with, and of the finer one for the best along the track or in time.
@@ -26,7 +26,7 @@ INTERVALS, FINEST = 32, 160
 FULL, REFINEMENTS = 3, 2
 #: Shapes that promise less than this part of the best are not refitted.
 CLOSE = 0.8
-#: A first-order shape that reaches so many weights is far from any truth, and too stiff to simulate: not a place to start.
+#: A first-order shape that reaches so many weights, or times the thrust, is far from any truth, and too stiff to simulate: not a place to start.
 ABSURD = 20.0
 #: A force below this part of its peak counts as none, and a table that is mostly none is laid anew over the rest.
 ACTIVE, ZOOM = 0.05, 0.4
@@ -34,12 +34,12 @@ ACTIVE, ZOOM = 0.05, 0.4
 
 @dataclass(frozen=True)
 class Shape:
-    """A force in ``coordinate`` on ``variable`` as a table, with twice the log evidence it promises over none.
+    """A force that ``acts_on`` a coordinate or the thrust, on ``variable``, as a table, with twice the log evidence it promises over none.
 
     ``weight`` is that of its roughness, ``occam`` the part of the fall in χ² that its freedom alone would have bought.
     """
 
-    coordinate: str
+    acts_on: str
     variable: str
     start: float
     step: float
@@ -51,12 +51,12 @@ class Shape:
     @property
     def name(self) -> str:
         """Name of the stand-in effect."""
-        return f"stand_in_{self.coordinate}"
+        return f"stand_in_{self.acts_on}"
 
     @property
     def label(self) -> str:
         """The shape in words."""
-        return f"any force in {self.coordinate} on {self.variable}"
+        return f"any {in_words(self.acts_on, self.variable)}"
 
     @property
     def parameters(self) -> dict[str, object]:
@@ -71,14 +71,14 @@ class Shape:
 
 
 def shapes(look: Look) -> list[Shape]:
-    """Every coordinate and variable with the table size that suits it, most promising first."""
+    """All that a force may act on and depend on, with the table size that suits it, most promising first."""
     runs = look.responses
     spans = {v: span for v in VARIABLES if (span := _span(runs, v)) is not None}
     tables = [(v, *span, 6 if v == "drive" else INTERVALS) for v, span in spans.items()]
     found = []
-    for coordinate in moving_coordinates(look.problem.dof):
-        if f"stand_in_{COORDINATES[coordinate]}" not in look.fit.structure.effects:
-            found += _linear(runs, look.project, look.project.residual, coordinate, tables)
+    for what, variables in acts_on(runs, look.problem.dof).items():
+        if f"stand_in_{what}" not in look.fit.structure.effects:
+            found += _linear(runs, look.project, look.project.residual, what, [t for t in tables if t[0] in variables])
     found.sort(key=lambda s: -s.promise)
     best = [_zoomed(runs, look.project, look.project.residual, s) for s in found[:FULL]]
     return [s for s in best if s.promise > max(CLOSE * best[0].promise, 0.0)]
@@ -96,16 +96,16 @@ def _span(runs: Sequence[RunResponse], variable: str) -> tuple[float, float] | N
     return (float(low), float(high)) if high - low > 1e-6 * max(abs(low), abs(high), 1e-9) else None
 
 
-def _linear(runs, project, residual, coordinate, tables) -> list[Shape]:
+def _linear(runs, project, residual, what, tables) -> list[Shape]:
     """To first order, the smooth table that fits a residual best for each of ``tables`` (variable, low, high, intervals)."""
     blocks = [basis_of(runs, v, low, (high - low) / n, n + 1) for v, low, high, n in tables]
     edges = np.cumsum([0] + [b[0].shape[1] for b in blocks])
-    responded = [r.respond(in_coordinate(coordinate, np.hstack([b[i] for b in blocks]))) for i, r in enumerate(runs)]
+    responded = [r.respond(r.forces(what, np.hstack([b[i] for b in blocks]))) for i, r in enumerate(runs)]
     columns = project(project.stack(responded))
     shapes_ = []
     for (variable, low, high, n), a, b in zip(tables, edges[:-1], edges[1:], strict=True):
-        best = smoothest(columns[:, a:b], residual)
-        shapes_.append(Shape(COORDINATES[coordinate], variable, low, (high - low) / n, best.values, best.promise, best.weight, best.occam))
+        best = smoothest(f"stand_in_{what}", columns[:, a:b], residual)
+        shapes_.append(Shape(what, variable, low, (high - low) / n, best.values, best.promise, best.weight, best.occam))
     return shapes_
 
 
@@ -125,7 +125,7 @@ def _zoomed(runs, project, residual, shape: Shape) -> Shape:
         return shape
     low, high = u[on].min() - 2 * shape.step, u[on].max() + 2 * shape.step
     table = (shape.variable, float(low), float(high), INTERVALS)
-    return max(shape, *_linear(runs, project, residual, COORDINATES.index(shape.coordinate), [table]), key=lambda s: s.promise)
+    return max(shape, *_linear(runs, project, residual, shape.acts_on, [table]), key=lambda s: s.promise)
 
 
 def stand_ins(search: Search, trial: Trial) -> list[Trial]:
@@ -134,7 +134,7 @@ def stand_ins(search: Search, trial: Trial) -> list[Trial]:
     if rough:
         found: dict[tuple[str, str], Start] = {}
         for look in [*search.near(trial), search.look(trial)]:
-            found = {(s.coordinate, s.variable): _start(trial, s, look.fit) for s in shapes(look)} | found
+            found = {(s.acts_on, s.variable): _start(trial, s, look.fit) for s in shapes(look)} | found
         done = search.race(list(found.values()))
     else:
         done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search.look(trial))) if t is not None]
@@ -157,15 +157,15 @@ def _relaid(search: Search, trial: Trial) -> Shape:
     runs = responses(search.problem, f)
     project = Projector(search.problem, f, leave=table)
     effect = f.model.effects[name]
-    coordinate, variable = COORDINATES.index(name.removeprefix("stand_in_")), VARIABLES[int(effect["variable"])]
+    what, variable = name.removeprefix("stand_in_"), VARIABLES[int(effect["variable"])]
     now = basis_of(runs, variable, effect["start"], effect["step"], int(effect["knots"]))
-    made = project.stack([r.respond(in_coordinate(coordinate, b @ np.array(effect["values"])[:, None])) for r, b in zip(runs, now, strict=True)])
+    made = project.stack([r.respond(r.forces(what, b @ np.array(effect["values"])[:, None])) for r, b in zip(runs, now, strict=True)])
     residual = project(made)[:, 0] + project.residual
     low, high = _span(runs, variable)
     sizes = {"drive": (6,), "surge": (INTERVALS, FINEST), "time": (INTERVALS, FINEST)}.get(variable, (INTERVALS,))
-    wide = _linear(runs, project, residual, coordinate, [(variable, low, high, n) for n in sizes])
+    wide = _linear(runs, project, residual, what, [(variable, low, high, n) for n in sizes])
     end = effect["start"] + (effect["knots"] - 1) * effect["step"]
-    same = _linear(runs, project, residual, coordinate, [(variable, effect["start"], end, INTERVALS)])
+    same = _linear(runs, project, residual, what, [(variable, effect["start"], end, INTERVALS)])
     best = max([*wide, *(same if variable != "drive" else [])], key=lambda s: s.promise)
     return _zoomed(runs, project, residual, best)
 
@@ -177,8 +177,8 @@ def _start(trial: Trial, shape: Shape, near: Fit) -> Start:
     g = len(trial.fit.theta)
     theta = structure.start.copy()
     theta[:g] = near.theta[:g]
-    weight = trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
-    if not np.abs(shape.values).max() < ABSURD * weight:
+    unit = 1.0 if shape.acts_on == "thrust" else trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
+    if not np.abs(shape.values).max() < ABSURD * unit:
         theta[g:] = 0.0
     names = (*trial.names, shape.name)
     return Start(names, structure, theta, near.states, {**trial.freedom, shape.name: shape.occam}, " + ".join([*trial.names, shape.label]))
@@ -211,5 +211,5 @@ def penalised(search: Search, trial: Trial) -> float:
     log N for a parameter, twice the log of how many rivals each effect was picked from, and for a stand-in the evidence's own price.
     """
     plain = [f for f in trial.fit.structure.free if "values[" not in f and f not in search.base.structure.free]
-    picked = sum(2 * np.log(4 * len(VARIABLES) if e.startswith("stand_in") else 45) for e in trial.names)
+    picked = sum(2 * np.log(len(ACTS_ON) * len(VARIABLES) if e.startswith("stand_in") else 45) for e in trial.names)
     return trial.cost + np.log(trial.fit.samples) * len(plain) + picked

@@ -312,9 +312,7 @@ class Problem:
         values = structure.model.effects[effect]
         u = response.variables[VARIABLES[int(values["variable"])]]
         shapes = basis(u, values["start"], values["step"], len(columns)) * structure.scale[columns]
-        forces = np.zeros((len(u), 4, len(columns)))
-        forces[:, COORDINATES.index(effect.removeprefix("stand_in_"))] = shapes
-        return response.respond(forces).T
+        return response.respond(response.forces(effect.removeprefix("stand_in_"), shapes)).T
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,13 @@ coordinate then shows in the measurements as a sum over those intervals, so whol
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numba
 import numpy as np
 
-from ..core.state import ACCELERATIONS, GAPS, INDEX, MOVING, OUTPUTS, STATES
+from ..core.kernel import QUANTITIES
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, STATES
 
 #: What a missing force may depend on, as `diagnosis.json` names it and in the order of a stand-in's ``variable``.
 VARIABLES = (*STATES, "time", "drive")
@@ -38,7 +41,7 @@ class RunResponse:
     def __init__(self, data, sigma: np.ndarray, model, P: np.ndarray, outputs: np.ndarray, dof: int):
         """``data`` a `problem.RunData`, P (p,) the kernel's parameters, ``outputs`` (n, 15) the simulated run."""
         self.data, self.sigma, self.outputs = data, sigma, outputs
-        self.grid = data.grid
+        self.grid, self.model, self.P = data.grid, model, P
         inertia = model.parameters["mass"], model.parameters["roll_inertia"]
         self.inverse_inertia = np.array([1 / inertia[0]] * 3 + [1 / inertia[1]])
         self.transitions = _transitions(data, model, P, outputs, dof)
@@ -55,6 +58,30 @@ class RunResponse:
         """What the run's sensor saw of a variable, all of the run; empty where it has none."""
         run = self.data.run
         return run.times if variable == "time" else run.samples(variable)[1] if variable in run.channels else np.empty(0)
+
+    def quantities(self, names: Sequence[str], raised: float = 0.0, on: np.ndarray | None = None) -> np.ndarray:
+        """Quantities (n, q) of the equations along the run, the cradle ``raised`` above where it was (m); ``on`` other switches."""
+        model, data = self.model, self.data
+        on = model.switches if on is None else on
+        x, dx, q = (np.zeros(n) for n in (len(model.kernel.states), len(model.kernel.states), len(QUANTITIES)))
+        columns = [QUANTITIES.index(n) for n in names]
+        out = np.zeros((len(self.grid), len(columns)))
+        for k, t in enumerate(self.grid):
+            x[:8] = self.outputs[k, :8]
+            x[INDEX["heave"]] += raised
+            model.kernel.evaluate(t, x, self.P, on, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
+            out[k] = q[columns]
+        return out
+
+    def forces(self, acts_on: str, histories: np.ndarray) -> np.ndarray:
+        """Force histories (n, 4, l) from those (n, l) of what a stand-in acts on: a coordinate's force, or shares of the thrust."""
+        forces = np.zeros((len(histories), 4, histories.shape[1]))
+        if acts_on == "thrust":
+            others = self.model.switches & (np.array(self.model.kernel.effects) != "stand_in_thrust")
+            forces[:, 0] = self.quantities(["thrust"], on=others) * histories
+        else:
+            forces[:, COORDINATES.index(acts_on)] = histories
+        return forces
 
     def respond(self, forces: np.ndarray) -> np.ndarray:
         """Change of the measurements over noise, (m, l), that force histories (n, 4, l) (N, N·m by coordinate) would make."""

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core.effects import split_name
+from ..core.effects import catalogue, split_name
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
 from ..core.parameters import PARAMETERS, Parameter
@@ -20,14 +20,21 @@ _BIAS = {"m": 1e-4, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2, "m/s²": 0.1, "rad/
 
 #: Prior of a free parameter about its start, in typical sizes: only keeps what the data say nothing about where it is.
 THETA_PRIOR = 300.0
-#: Prior standard deviation (N, N·m) of a stand-in's straight part.
+#: Prior standard deviation of a stand-in's straight part, in typical sizes.
 STRAIGHT = 100.0
+#: Prior standard deviation of the mean of a table of shares.
+MEAN_SHARE = 1e-3
 
 
-def roughness(count: int, weight: float) -> np.ndarray:
-    """Precision (count, count) of a table that is smooth: ``weight`` on second differences, next to nothing on the rest."""
+def roughness(effect: str, count: int, weight: float) -> np.ndarray:
+    """Precision (count, count) of a stand-in's table that is smooth: ``weight`` on second differences, next to nothing on the rest.
+
+    Shares of the thrust have a mean of zero: all else of it is γ's.
+    """
     second = np.diff(np.eye(count), 2, axis=0)
-    return weight * second.T @ second + np.eye(count) / STRAIGHT**2
+    typical = catalogue()[effect].parameters["values"].typical
+    precision = weight * second.T @ second + np.eye(count) / (STRAIGHT * typical) ** 2
+    return precision + 1 / (count * MEAN_SHARE) ** 2 if effect == "stand_in_thrust" else precision
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ class Structure:
         precision = np.diag(np.full(len(self.free), THETA_PRIOR**-2.0))
         for effect, weight in self.smoothness.items():
             mine = self.tables[effect]
-            precision[np.ix_(mine, mine)] = roughness(len(mine), weight) * self.scale[mine[0]] ** 2
+            precision[np.ix_(mine, mine)] = roughness(effect, len(mine), weight) * self.scale[mine[0]] ** 2
         return precision
 
     @cached_property

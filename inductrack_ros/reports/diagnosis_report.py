@@ -12,7 +12,7 @@ from ..compare import rms
 from ..core.effects import split_name
 from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import CHANNELS, UNITS
-from ..diagnosis.result import Diagnosis, Limit, Rival, Step
+from ..diagnosis.result import OF_THRUST, Diagnosis, Limit, Rival, Step, Unknown
 from .explorer import RunTraces, Trace, explorer
 from .page import Figure, Page, folded, packed, table, text
 from .words import counted, effect_name, in_channel, listed, number, ratio, sized, title
@@ -84,10 +84,17 @@ def verdict(result: Diagnosis) -> str:
     missing = f"Missing: {listed(found)}. "
     if result.unknown is None:
         return f"{missing if found else ''}Something {'more ' if found else ''}is missing that no known effect explains."
-    depends = listed([_DEPENDS[d][0] for d in result.unknown.depends_on])
-    on = f" that depends on {depends}" if depends else ""
-    force = f"{_FORCE[result.unknown.channel]}{on}"
+    what, _, on = _law(result.unknown)
+    depends = listed([_DEPENDS[d][0] for d in on])
+    force = f"{what}{f' that depends on {depends}' if depends else ''}"
     return f"{missing}Besides, {force} and that no known effect explains." if found else f"No known effect explains {force}."
+
+
+def _law(unknown: Unknown) -> tuple[str, tuple[float, str], tuple[str, ...]]:
+    """An unknown force in words, with the factor and unit it is shown in, and what it depends on besides the thrust it may change."""
+    if unknown.unit == OF_THRUST:
+        return "a change of the thrust", (100.0, "%"), unknown.depends_on[:1]
+    return _FORCE[unknown.channel], (1.0, unknown.unit), unknown.depends_on
 
 
 def addition(result: Diagnosis) -> str:
@@ -129,7 +136,8 @@ def _lead(result: Diagnosis) -> str:
     if sizes:
         points += [f"{size[:1].upper()}{size[1:]}." for size in sizes]
     if result.unknown is not None:
-        peak = f"{number(abs(result.unknown.peak), 2)} {result.unknown.unit}"
+        _, (factor, unit), _ = _law(result.unknown)
+        peak = f"{number(factor * abs(result.unknown.peak), 2)} {unit}"
         points.append(f"It reaches <strong>{text(peak)}</strong>. {text(_not_on(result))}")
     for effect, rivals in result.indistinguishable.items():
         others = listed([effect_name(r) for r in rivals], "or")
@@ -231,7 +239,8 @@ def _line_at_one(axis: str) -> dict[str, Any]:
 
 def _unknown_figure(result: Diagnosis) -> Figure:
     unknown = result.unknown
-    at, force, half = (np.asarray(a, float) for a in (unknown.at, unknown.force, unknown.band))
+    named, (factor, unit), _ = _law(unknown)
+    at, force, half = np.asarray(unknown.at, float), factor * np.asarray(unknown.force, float), factor * np.asarray(unknown.band, float)
     quiet = {"type": "scatter", "mode": "lines", "showlegend": False}
     band = quiet | {
         "x": packed(np.concatenate([at, at[::-1]])),
@@ -245,13 +254,13 @@ def _unknown_figure(result: Diagnosis) -> Figure:
         "x": packed(at),
         "y": packed(force),
         "line": {"color": "@before", "width": 2.5},
-        "hovertemplate": f"%{{x:.4g}}: %{{y:.3g}} {unknown.unit}<extra></extra>",
+        "hovertemplate": f"%{{x:.4g}}: %{{y:.3g}} {unit}<extra></extra>",
     }
     on = _DEPENDS[unknown.depends_on[0]][1] if unknown.depends_on else ""
-    what = _FORCE[unknown.channel].split(" ", 1)[1]
+    what = named.split(" ", 1)[1]
     layout = {
         "xaxis": {"title": on},
-        "yaxis": {"title": f"{what}, {unknown.unit}", "zeroline": True, "zerolinecolor": "@soft"},
+        "yaxis": {"title": f"{what}, {unit}", "zeroline": True, "zerolinecolor": "@soft"},
         "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
     }
     return Figure([band, line], layout, f"The {what} that no effect explains over {on}", 330)

@@ -1,4 +1,4 @@
-"""Stand-ins: a smooth force where the physics is not known yet.
+"""Stand-ins: a smooth force, or a smooth change of the thrust, where the physics is not known yet.
 
 A diagnosis that finds a misfit no effect explains puts one of these in the model, so that prediction improves while
 the physics is sought. They explain nothing, and they are not in the ranking.
@@ -7,8 +7,11 @@ the physics is sought. They explain nothing, and they are not in the ranking.
 import numba
 import numpy as np
 
+from ..state import COORDINATES
 from . import Parameter, effect
 
+#: What a stand-in, named ``stand_in_<one of these>``, acts on: it adds to a coordinate's force or changes the thrust by a share.
+ACTS_ON = (*COORDINATES, "thrust")
 #: What a stand-in may depend on, in the order of its ``variable``.
 VARIABLES = (
     "surge", "sway", "heave", "roll", "surge_rate", "sway_rate", "heave_rate", "roll_rate", "time", "drive",
@@ -97,3 +100,9 @@ def stand_in_heave(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, 
 def stand_in_roll(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
     """A smooth moment in roll that stands in for unknown physics."""
     return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
+
+
+@effect(changes="thrust", parameters=_parameters("", 0.01), screened=False)
+def stand_in_thrust(thrust, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+    """A smooth share of the thrust, more or less, that stands in for unknown physics."""
+    return thrust * (1.0 + curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values))
