@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import BSpline
 
 from inductrack_ros.core.effects import catalogue
 from inductrack_ros.core.errors import InputError
@@ -88,6 +89,16 @@ def pulse_width(v):
     return math.cos(omega_tau / 2) / (1 - (omega_tau / math.pi) ** 2)
 
 
+TABLE = {"variable": 0.0, "start": 1.0, "step": 3.0, "knots": 5.0, "values": (0.1, -0.4, 0.3, 0.7, -0.2)}
+
+
+def table(surge):
+    """Cubic B-splines, constant beyond the table's ends."""
+    u = min(max((surge - 1.0) / 3.0, 0.0), 4.0)
+    spline = BSpline.basis_element(range(-2, 3), extrapolate=False)
+    return float(np.nan_to_num(spline(u - np.arange(5))) @ TABLE["values"])
+
+
 #: name -> parameters and what effects.md says they do to `reference`, given state x and time t.
 FORMULAS = {
     "aerodynamic_drag": ({"drag_area": 0.3}, lambda x, t: {"added": (-0.3 * air(x[4]), 0, 0, 0)}),
@@ -158,9 +169,9 @@ def test_the_reference_is_the_model(x):
     assert total == pytest.approx(reference(x), rel=1e-9, abs=1e-7)
 
 
-@pytest.mark.parametrize("name", FORMULAS)
+@pytest.mark.parametrize("name", [*FORMULAS, *STAND_INS])
 def test_formula(name):
-    parameters, formula = FORMULAS[name]
+    parameters, formula = (FORMULAS | STAND_INS)[name]
     model = Model.create(effects={name: parameters})
 
     @QUICK
@@ -206,7 +217,7 @@ def test_two_effects_add_up_and_compose():
 # -- at its default an effect is nothing ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [n for n, (parameters, _) in FORMULAS.items() if parameters])
+@pytest.mark.parametrize("name", [n for n, (parameters, _) in (FORMULAS | STAND_INS).items() if parameters])
 def test_vanishes_at_its_default(name):
     plain, idle = Model.default(), Model.create(effects=[name])
 
@@ -313,6 +324,11 @@ DIRECTIONS = {  # parameters, what moves and where to, the start besides 25 m/s 
     "crosswind": ({"force": 1.0}, "sway", 1, {}),
     "beam_attraction": ({"force": 20.0}, "heave", -1, {}),
     "halbach_fifth_harmonic": ({"relative_amplitude": 0.1}, "heave", 1, {}),
+}
+#: The same for smooth forces in place of what is not known.
+STAND_INS = {
+    "stand_in_heave": (TABLE, lambda x, t: {"added": (0, 0, table(x[0]), 0)}),
+    "stand_in_thrust": (TABLE, lambda x, t: {"thrust_factor": 1 + table(x[0])}),
 }
 
 

@@ -87,16 +87,14 @@ def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], wor
     notes += support.leftover(problem, chosen.fit, campaign.noise_std, found_gate)
     f = chosen.fit
     deviations = f.deviations
-    if "gamma" in deviations and (table := f.model.effects.get("stand_in_thrust")):
-        # which part of a thrust that changes is γ's, and which the change's, no data say
-        deviations["gamma"] = float(np.hypot(deviations["gamma"], f.values["gamma"] * np.std(table["values"][: int(table["knots"])])))
-        notes.append("gamma is that of the mean thrust; as the thrust changes, its interval spans the change")
+    held = [f.structure.free[k] for k in f.structure.held]
+    notes += [f"{n} is held at {f.values[n]:.4g} as given: the change of the thrust is relative to that, and only their product shows" for n in held]
     return Diagnosis(
         campaign=campaign.name,
         verdict=verdict,
         effects=effects,
         model=f.model,
-        parameters={n: (v, deviations[n]) for n, v in f.values.items() if "values[" not in n},
+        parameters={n: (v, deviations[n]) for n, v in f.values.items() if "values[" not in n and n not in held},
         indistinguishable=twins,
         unknown=unknown,
         next_experiment=experiment,

@@ -76,7 +76,7 @@ class Projector:
 
     def __init__(self, problem: Problem, fit: Fit, leave: Sequence[int] = ()):
         """``leave``: indices of theta that are not nuisance and stay in."""
-        nuisance = [k for k in range(len(fit.theta)) if k not in set(leave)]
+        nuisance = [k for k in range(len(fit.theta)) if k not in {*leave, *fit.structure.held}]
         self.rows, self.bases, residuals, thetas = [], [], [], []
         for part in fit.linear:
             good = np.isfinite(part.residual) & np.isfinite(part.by_theta).all(axis=1) & np.isfinite(part.by_state).all(axis=1)

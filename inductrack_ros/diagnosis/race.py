@@ -180,7 +180,7 @@ def _distinct(field: Sequence[Trial]) -> list[Trial]:
     found: list[Trial] = []
     for t in field:
         near = (o for o in found if _kind(o) == _kind(t) and len(o.fit.theta) == len(t.fit.theta) and t.chi2 < o.chi2 + SAME)
-        if not any((np.abs(t.fit.theta - o.fit.theta) < np.sqrt(np.diag(o.fit.covariance))).all() for o in near):
+        if not any((np.abs(t.fit.theta - o.fit.theta) <= np.sqrt(np.diag(o.fit.covariance))).all() for o in near):
             found.append(t)
     return found
 

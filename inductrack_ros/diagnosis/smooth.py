@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg
 
 from ..core.effects.stand_in import VARIABLES, basis
 from ..core.state import INDEX, STATES
@@ -35,17 +36,20 @@ def smoothest(effect: str, columns: np.ndarray, residual: np.ndarray) -> Smooth:
     gram, score = columns.T @ columns, columns.T @ residual
     unit = max(np.trace(gram) / len(gram), 1e-12)  # where no run has been at all, any will do
     gram += np.diag(np.full(len(gram), 1e-12 * unit))  # nothing is known where no run has been
-    return max((_with_weight(effect, gram, score, unit * w) for w in WEIGHTS), key=lambda s: s.promise)
+    plain = roughness(effect, len(gram), 0.0)
+    bent = roughness(effect, len(gram), 1.0) - plain
+    bends = np.linalg.eigvalsh(bent)
+    return max((_with_weight(gram, score, unit * w, plain, bent, bends) for w in WEIGHTS), key=lambda s: s.promise)
 
 
-def _with_weight(effect: str, gram: np.ndarray, score: np.ndarray, weight: float) -> Smooth:
-    prior = roughness(effect, len(gram), weight)
-    posterior = gram + prior
+def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float, plain: np.ndarray, bent: np.ndarray, bends: np.ndarray) -> Smooth:
+    """With the prior ``plain`` + weight ``bent``, whose eigenvalues ``bends`` are, at one weight."""
     try:
-        values = np.linalg.solve(posterior, score)
-    except np.linalg.LinAlgError:  # responses beyond all bounds: nothing can be had from them
+        factor = linalg.cho_factor(gram + plain + weight * bent)
+    except (linalg.LinAlgError, ValueError):  # responses beyond all bounds: nothing can be had from them
         return Smooth(np.zeros(len(gram)), weight, -np.inf, np.inf)
-    promise = float(values @ score - np.linalg.slogdet(posterior)[1] + np.linalg.slogdet(prior)[1])
+    values = linalg.cho_solve(factor, score)
+    promise = float(values @ score - 2 * np.log(np.diag(factor[0])).sum() + np.log(plain[0, 0] + weight * np.maximum(bends, 0.0)).sum())
     fall = float(2 * values @ score - values @ gram @ values)
     return Smooth(values, weight, promise, fall - promise)
 

@@ -6,7 +6,7 @@ simulation as a ``stand_in_*`` effect, whose table is refined where the force ac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from .search import Search
 from .signatures import VARIABLES, RunResponse, acts_on, basis, in_words, responses
 from .smooth import smoothest
 
-#: Intervals of the table that every variable is tried with, and of the finer one for the best along the track or in time.
+#: Intervals of the table that every variable is tried with, and of the finer one along the track and in time.
 INTERVALS, FINEST = 32, 160
 #: Shapes refitted in full simulation, and how often the best is laid anew.
 FULL, REFINEMENTS = 3, 2
@@ -70,18 +70,25 @@ class Shape:
         }
 
 
-def shapes(look: Look) -> list[Shape]:
-    """All that a force may act on and depend on, with the table size that suits it, most promising first."""
+def shapes(look: Look, sizes: Callable[[str], Sequence[int]]) -> list[Shape]:
+    """All that a force may act on and depend on, with that of the ``sizes`` of its table that suits it, most promising first."""
     runs = look.responses
     spans = {v: span for v in VARIABLES if (span := _span(runs, v)) is not None}
-    tables = [(v, *span, 6 if v == "drive" else INTERVALS) for v, span in spans.items()]
-    found = []
+    tables = [(v, *span, n) for v, span in spans.items() for n in sizes(v)]
+    laws: dict[tuple[str, str], Shape] = {}
     for what, variables in acts_on(runs, look.problem.dof).items():
         if f"stand_in_{what}" not in look.fit.structure.effects:
-            found += _linear(runs, look.project, look.project.residual, what, [t for t in tables if t[0] in variables])
-    found.sort(key=lambda s: -s.promise)
+            for shape in _linear(runs, look.project, look.project.residual, what, [t for t in tables if t[0] in variables]):
+                law = what, shape.variable
+                laws[law] = max(laws.get(law, shape), shape, key=lambda s: s.promise)
+    found = sorted(laws.values(), key=lambda s: -s.promise)
     best = [_zoomed(runs, look.project, look.project.residual, s) for s in found[:FULL]]
     return [s for s in best if s.promise > max(CLOSE * best[0].promise, 0.0)]
+
+
+def _sizes(variable: str) -> tuple[int, ...]:
+    """Intervals of a variable's table: what changes along the track or in time may change often."""
+    return {"drive": (6,), "surge": (INTERVALS, FINEST), "time": (INTERVALS, FINEST)}.get(variable, (INTERVALS,))
 
 
 def _span(runs: Sequence[RunResponse], variable: str) -> tuple[float, float] | None:
@@ -134,10 +141,10 @@ def stand_ins(search: Search, trial: Trial) -> list[Trial]:
     if rough:
         found: dict[tuple[str, str], Start] = {}
         for look in [*search.near(trial), search.look(trial)]:
-            found = {(s.acts_on, s.variable): _start(trial, s, look.fit) for s in shapes(look)} | found
+            found = {(s.acts_on, s.variable): _start(trial, s, look.fit) for s in shapes(look, lambda v: _sizes(v)[-1:])} | found
         done = search.race(list(found.values()))
     else:
-        done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search.look(trial))) if t is not None]
+        done = [t for t in search.map(lambda s: _refit(search, trial, s), shapes(search.look(trial), _sizes)) if t is not None]
     done.sort(key=lambda t: penalised(search, t))
     for k in range(REFINEMENTS if done else 0):
         finer = _refit(search, trial, _relaid(search, done[0]), done[0])
@@ -162,8 +169,7 @@ def _relaid(search: Search, trial: Trial) -> Shape:
     made = project.stack([r.respond(r.forces(what, b @ np.array(effect["values"])[:, None])) for r, b in zip(runs, now, strict=True)])
     residual = project(made)[:, 0] + project.residual
     low, high = _span(runs, variable)
-    sizes = {"drive": (6,), "surge": (INTERVALS, FINEST), "time": (INTERVALS, FINEST)}.get(variable, (INTERVALS,))
-    wide = _linear(runs, project, residual, what, [(variable, low, high, n) for n in sizes])
+    wide = _linear(runs, project, residual, what, [(variable, low, high, n) for n in _sizes(variable)])
     end = effect["start"] + (effect["knots"] - 1) * effect["step"]
     same = _linear(runs, project, residual, what, [(variable, effect["start"], end, INTERVALS)])
     best = max([*wide, *(same if variable != "drive" else [])], key=lambda s: s.promise)
@@ -171,12 +177,18 @@ def _relaid(search: Search, trial: Trial) -> Shape:
 
 
 def _start(trial: Trial, shape: Shape, near: Fit) -> Start:
-    """A trial with a stand-in, at the first-order shape or at none where that leads astray; the rest as in ``near``."""
+    """A trial with a stand-in, at the first-order shape or at none where that leads astray; the rest as in ``near``.
+
+    A change of the thrust is relative to the thrust of the model as given.
+    """
     plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
     structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})
     g = len(trial.fit.theta)
     theta = structure.start.copy()
     theta[:g] = near.theta[:g]
+    for k in structure.held:
+        theta[g:] += (near.theta[k] / structure.start[k] - 1) * (1 / structure.scale[g:] + theta[g:])
+        theta[k] = structure.start[k]
     unit = 1.0 if shape.acts_on == "thrust" else trial.fit.model.parameters["mass"] * trial.fit.model.parameters["gravity"]
     if not np.abs(shape.values).max() < ABSURD * unit:
         theta[g:] = 0.0

@@ -285,6 +285,7 @@ def _solve(problem, linear, theta, structure, states, damping, of_runs):
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         raise np.linalg.LinAlgError("a simulation left all bounds")
     held = np.zeros(g, bool)
+    held[structure.held] = True
     for _ in range(g + 1):  # parameters that would leave their range are held at its edge
         S, s = A.copy(), b.copy()
         solved = []
@@ -322,7 +323,10 @@ def _covariance(structure, linear) -> np.ndarray:
         _, G, X = _blocks(part)
         C = X.T @ X + np.diag(STATE_PRIOR[part.free_states] ** -2.0)
         A += G.T @ G - (G.T @ X) @ np.linalg.solve(C, X.T @ G)
-    return np.linalg.pinv(A, rcond=1e-15, hermitian=True) if g else np.zeros((0, 0))
+    covariance = np.zeros((g, g))
+    if free := [k for k in range(g) if k not in structure.held]:
+        covariance[np.ix_(free, free)] = np.linalg.pinv(A[np.ix_(free, free)], rcond=1e-15, hermitian=True)
+    return covariance
 
 
 def rough_fit(

@@ -22,19 +22,13 @@ _BIAS = {"m": 1e-4, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2, "m/s²": 0.1, "rad/
 THETA_PRIOR = 300.0
 #: Prior standard deviation of a stand-in's straight part, in typical sizes.
 STRAIGHT = 100.0
-#: Prior standard deviation of the mean of a table of shares.
-MEAN_SHARE = 1e-3
 
 
 def roughness(effect: str, count: int, weight: float) -> np.ndarray:
-    """Precision (count, count) of a stand-in's table that is smooth: ``weight`` on second differences, next to nothing on the rest.
-
-    Shares of the thrust have a mean of zero: all else of it is γ's.
-    """
+    """Precision (count, count) of a stand-in's table that is smooth: ``weight`` on second differences, next to nothing on the rest."""
     second = np.diff(np.eye(count), 2, axis=0)
     typical = catalogue()[effect].parameters["values"].typical
-    precision = weight * second.T @ second + np.eye(count) / (STRAIGHT * typical) ** 2
-    return precision + 1 / (count * MEAN_SHARE) ** 2 if effect == "stand_in_thrust" else precision
+    return weight * second.T @ second + np.eye(count) / (STRAIGHT * typical) ** 2
 
 
 @dataclass(frozen=True)
@@ -109,6 +103,11 @@ class Structure:
             if table:
                 found.setdefault(effect, []).append(k)
         return found
+
+    @cached_property
+    def held(self) -> list[int]:
+        """Indices in theta of what stays where it starts: γ beside a change of the thrust, for only their product shows."""
+        return [k for k, name in enumerate(self.free) if name == "gamma" and "stand_in_thrust" in self.tables]
 
     @cached_property
     def precision(self) -> np.ndarray:
