@@ -133,6 +133,11 @@ FORMULAS = {
     ),
     "halbach_fifth_harmonic": ({"relative_amplitude": 0.2}, lambda x, t: {"harmonic": 0.2}),
 }  # fmt: skip
+#: The same of smooth forces in place of what is not known.
+STAND_INS = {
+    "stand_in_heave": (TABLE, lambda x, t: {"added": (0, 0, table(x[0]), 0)}),
+    "stand_in_thrust": (TABLE, lambda x, t: {"thrust_factor": 1 + table(x[0])}),
+}
 
 #: States near the track: in flight, touching, rolling either way (surge, sway, heave, roll, then their rates); not at a
 #: gap of exactly zero, where rounding decides whether a closing contact pushes.
