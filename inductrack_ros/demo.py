@@ -27,7 +27,7 @@ def main() -> int:
     report.mkdir(parents=True)
     try:
         print(f"1. ROS 2: sim, track_controller and record, three processes in lockstep, {SECONDS:g} s", flush=True)
-        print(f"   {record(report / 'run')}")
+        print(f"   {record(report / 'run')}\n{report / 'run' / 'bag'}")
         print("2. Where the paper's model fails to predict the sample campaign", flush=True)
         inductrack("compare", SAMPLE, "--output", report / "compare")
         print("3. Which effects are missing", flush=True)
@@ -37,9 +37,6 @@ def main() -> int:
         return 1
     except KeyboardInterrupt:
         return 130
-    print(f"\nRecorded bag: {report / 'run' / 'bag'}")
-    for page in sorted(report.glob("*/report.html")):
-        print(f"Report: {page.resolve()}")
     return 0
 
 

@@ -78,7 +78,7 @@ def made(effects: tuple[str, ...] = (), **others) -> Diagnosis:
 def unknown() -> Diagnosis:
     at = np.linspace(0, 20, 80)
     force = -12 * np.exp(-(((at - 8) / 0.6) ** 2))
-    found = Unknown("heave", ("surge",), -12.0, "N", at, force, np.full(80, 0.8), ("time",))
+    found = Unknown("heave", ("surge",), "N", at, force, np.full(80, 0.8), ("time",))
     return made(
         verdict="unknown_effect", unknown=found, next_experiment="Coast over 8 m at 20 m/s.", notes=("A note.",)
     )
@@ -114,10 +114,10 @@ ALL = {
         ("one", "Missing: aerodynamic drag. With it, what is left is noise."),
         ("two", "Missing: aerodynamic drag and delay of the heave sensor. With them, what is left is noise."),
         ("confused", "Missing: aerodynamic drag or skin friction drag. With it, what is left is noise."),
-        ("unknown", "No known effect explains a vertical force that depends on the place along the track."),
+        ("unknown", "No known effect explains a vertical force that depends on the place along the track (−12 N at 8.1 m)."),
         (
             "one and an unknown",
-            "Missing: aerodynamic drag. Besides, a vertical force that depends on the place along the track and that no known effect explains.",
+            "Missing: aerodynamic drag. Besides, a vertical force that depends on the place along the track (−12 N at 8.1 m), which no known effect explains.",
         ),
     ],
 )
@@ -149,7 +149,15 @@ def test_the_evidence_is_there():
         assert words in html
     assert "14 standard deviations" in diagnosis_report(confused())
     assert "would have shown" in diagnosis_report(adequate())
-    assert "It reaches <strong>12 N</strong>" in diagnosis_report(unknown())
+
+
+def test_a_change_of_the_thrust_is_a_share_of_it():
+    at = np.linspace(0, 20, 80)
+    found = Unknown.of("thrust", "surge", at, 0.3 * np.exp(-((at - 8) ** 2)), np.full(80, 0.02))
+    result = made(verdict="unknown_effect", unknown=found)
+    assert verdict(result) == "No known effect explains a change of the thrust that depends on the place along the track (30 % at 8.1 m)."
+    assert result.to_json()["unknown"] == {"channel": "surge", "depends_on": ["surge", "drive"], "peak": found.peak, "unit": "of the thrust"}
+    assert "change of the thrust, %" in diagnosis_report(result)
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no chromium or chrome in PATH: the reports are not opened")

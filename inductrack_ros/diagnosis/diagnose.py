@@ -188,7 +188,7 @@ def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str],
     """What is known of the unknown: the first stand-in's curve, or where the gate's most telling force law points."""
     if not stand_in:
         law = next((t.law for t in gate.tests if t.law), ("heave", "surge"))
-        return Unknown.of(*law, float("nan"), *(np.empty(0),) * 3)
+        return Unknown.of(*law)
     f, name = chosen.fit, stand_in[0]
     table = f.model.effects[name]
     count = int(table["knots"])
@@ -199,8 +199,7 @@ def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str],
     scale = f.structure.scale[mine]
     covariance = f.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
     band = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shapes, covariance, shapes), 0.0))
-    peak = float(force[np.argmax(np.abs(force) - band)])  # the largest that is sure: a table's ends are not
-    return Unknown.of(name.removeprefix("stand_in_"), VARIABLES[int(table["variable"])], peak, u, force, band)
+    return Unknown.of(name.removeprefix("stand_in_"), VARIABLES[int(table["variable"])], u, force, band)
 
 
 def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:

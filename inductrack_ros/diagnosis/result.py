@@ -73,7 +73,6 @@ class Unknown:
 
     channel: str
     depends_on: tuple[str, ...]
-    peak: float
     unit: str
     at: np.ndarray
     force: np.ndarray
@@ -81,11 +80,22 @@ class Unknown:
     rivals: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, acts_on: str, variable: str, peak: float, at: np.ndarray, force: np.ndarray, band: np.ndarray) -> Unknown:
+    def of(cls, acts_on: str, variable: str, *curve: np.ndarray) -> Unknown:
         """The unknown of a stand-in that acts on a coordinate or on the thrust."""
+        at, force, band = curve or (np.empty(0),) * 3
         if acts_on == "thrust":
-            return cls("surge", (variable, "drive"), peak, OF_THRUST, at, force, band)
-        return cls(acts_on, (variable,), peak, "N·m" if acts_on == "roll" else "N", at, force, band)
+            return cls("surge", (variable, "drive"), OF_THRUST, at, force, band)
+        return cls(acts_on, (variable,), "N·m" if acts_on == "roll" else "N", at, force, band)
+
+    @property
+    def place(self) -> float:
+        """Where on its first variable it is largest, as far as that is sure: a table's ends are not. NaN where there is no curve."""
+        return float(self.at[np.argmax(np.abs(self.force) - self.band)]) if self.at.size else math.nan
+
+    @property
+    def peak(self) -> float:
+        """What it is there."""
+        return float(self.force[np.argmax(np.abs(self.force) - self.band)]) if self.at.size else math.nan
 
 
 @dataclass(frozen=True)

@@ -86,8 +86,8 @@ def verdict(result: Diagnosis) -> str:
         return f"{missing if found else ''}Something {'more ' if found else ''}is missing that no known effect explains."
     what, _, on = _law(result.unknown)
     depends = listed([_DEPENDS[d][0] for d in on])
-    force = f"{what}{f' that depends on {depends}' if depends else ''}"
-    return f"{missing}Besides, {force} and that no known effect explains." if found else f"No known effect explains {force}."
+    force = f"{what}{f' that depends on {depends}' if depends else ''}{_peak(result.unknown)}"
+    return f"{missing}Besides, {force}, which no known effect explains." if found else f"No known effect explains {force}."
 
 
 def _law(unknown: Unknown) -> tuple[str, tuple[float, str], tuple[str, ...]]:
@@ -95,6 +95,14 @@ def _law(unknown: Unknown) -> tuple[str, tuple[float, str], tuple[str, ...]]:
     if unknown.unit == OF_THRUST:
         return "a change of the thrust", (100.0, "%"), unknown.depends_on[:1]
     return _FORCE[unknown.channel], (1.0, unknown.unit), unknown.depends_on
+
+
+def _peak(unknown: Unknown) -> str:
+    """`` (−12 N at 8 m)``; nothing where the curve is not known."""
+    if not _finite(unknown.peak):
+        return ""
+    _, (factor, unit), on = _law(unknown)
+    return f" ({number(factor * unknown.peak, 2)} {unit} at {number(unknown.place, 2)} {_DEPENDS[on[0]][1].rpartition(', ')[2]})"
 
 
 def addition(result: Diagnosis) -> str:
@@ -136,9 +144,7 @@ def _lead(result: Diagnosis) -> str:
     if sizes:
         points += [f"{size[:1].upper()}{size[1:]}." for size in sizes]
     if result.unknown is not None:
-        _, (factor, unit), _ = _law(result.unknown)
-        peak = f"{number(factor * abs(result.unknown.peak), 2)} {unit}"
-        points.append(f"It reaches <strong>{text(peak)}</strong>. {text(_not_on(result))}")
+        points += [text(other)] if (other := _not_on(result)) else []
     for effect, rivals in result.indistinguishable.items():
         others = listed([effect_name(r) for r in rivals], "or")
         points.append(f"These data cannot tell {text(effect_name(effect))} from {text(others)}.")
