@@ -22,6 +22,15 @@ PULSE = 600e-6
 PULSED = Model.create(drive="pulses")
 
 
+def test_a_runaway_is_told_from_other_ends(monkeypatch):
+    """Above the balance speed thrust beats drag until no number holds the speed; without thrust the parameters are to blame."""
+    for current, says in ((7000.0, "ran away, from 40 m/s"), (0.0, "left all bounds")):
+        run = Simulation(Model.create({"drive_current": current}), {"surge_rate": 40.0}, 500.0, queue())
+        monkeypatch.setattr(Model, "advance", lambda self, x, *_, **__: x * np.nan)
+        with pytest.raises(InputError, match=says):
+            run.tick()
+
+
 # ---- drive pulses -----------------------------------------------------------------------------------------------
 
 

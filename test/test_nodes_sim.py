@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from inductrack_ros import frames
 from inductrack_ros.core.model import Model
+from inductrack_ros.nodes import start
 from inductrack_ros.nodes.topics import nanoseconds_of, pulse_message, stamp_of
 
 MY_EFFECT = Path(__file__).parent.parent / "examples" / "my_effect.py"
@@ -243,3 +244,11 @@ def test_another_namespace(ros):
     poses = ros.listen(PoseStamped, "/rig2/pose")
     ros.wait(lambda: poses, "a pose under /rig2")
     assert sim.stop() == 0
+
+
+def test_help_does_not_start_a_node(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["sim", "-h"])
+    monkeypatch.setattr(start, "STOP", start.Stop())
+    monkeypatch.setattr(start.Stop, "listen", lambda self: None)
+    assert start.sim() == 0
+    assert "the cradle in real time" in capsys.readouterr().out
