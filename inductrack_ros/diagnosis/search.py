@@ -27,8 +27,8 @@ QUICK_LATER, FULL = 12, 4
 MARGIN = 6.6
 #: Effects that, the nuisance projected out, do to the measurements what another does, as parallel as this, are tried in its place.
 ALIKE = 0.95
-#: So many of the pairs that come nearest to an effect are tried in its place.
-PAIRS = 3
+#: So many of the pairs, and of the triples, that come nearest to an effect are tried in its place.
+NEAREST = 6
 #: What is left of an effect at each step while another takes its place.
 SHARES = (0.9, 0.7, 0.3, 0.0)
 
@@ -178,19 +178,20 @@ class Search:
             if self._act_alike(name, s.candidate.name) or np.linalg.norm(np.linalg.qr(columns)[0].T @ wanted) > ALIKE * np.linalg.norm(wanted)
         ]
 
-    def _two_alike(self, trial: Trial, name: str) -> list[tuple[tuple[Screened, Screened], np.ndarray]]:
-        """Pairs of candidates that would together do what one effect of a trial does, and the size (p,) at which they would; the best `PAIRS`."""
+    def _together_alike(self, trial: Trial, name: str, count: int) -> list[tuple[tuple[Screened, ...], np.ndarray]]:
+        """Sets of ``count`` candidates that would together do what one effect of a trial does, and the size (p,) at which they would;
+        the best `NEAREST`."""
         project, wanted, standing = self._beside(trial, name)
         seen = [(s, np.linalg.qr(columns)[0]) for s, columns in standing if columns.shape[1] and s.candidate.name != WAVES]
         edges = np.cumsum([0] + [q.shape[1] for _, q in seen])
         together = np.hstack([q for _, q in seen])
         gram, told = together.T @ together, together.T @ wanted / np.linalg.norm(wanted)
         shares = []
-        for i, j in combinations(range(len(seen)), 2):
-            both = np.r_[edges[i] : edges[i + 1], edges[j] : edges[j + 1]]
-            shares.append((told[both] @ np.linalg.lstsq(gram[np.ix_(both, both)], told[both], rcond=1e-9)[0], (seen[i][0], seen[j][0])))
-        best = sorted((s for s in shares if s[0] > ALIKE**2), key=lambda s: -s[0])[:PAIRS]
-        return [(pair, _size_of(project, pair, wanted)) for _, pair in best]
+        for some in combinations(range(len(seen)), count):
+            mine = np.concatenate([np.arange(edges[i], edges[i + 1]) for i in some])
+            shares.append((told[mine] @ np.linalg.lstsq(gram[np.ix_(mine, mine)], told[mine], rcond=1e-9)[0], tuple(seen[i][0] for i in some)))
+        best = sorted((s for s in shares if s[0] > ALIKE**2), key=lambda s: -s[0])[:NEAREST]
+        return [(some, _size_of(project, some, wanted)) for _, some in best]
 
     def _beside(self, trial: Trial, name: str) -> tuple[Projector, np.ndarray, list[tuple[Screened, np.ndarray]]]:
         """What one effect of a trial does to the measurements (N,), and what (N, p) each candidate would, the other nuisance projected out."""
@@ -219,15 +220,16 @@ class Search:
             self._exchange(trial, name, [screened], size)
         return self.siblings(trial, name)
 
-    def recognise_two(self, trial: Trial, name: str) -> list[Trial]:
-        """Trials with two known effects that together do the same to the measurements in the place of one of a trial's; best first."""
-        found = [self._exchange(trial, name, pair, size) for pair, size in self._two_alike(trial, name)]
-        return sorted((t for t in found if t), key=lambda t: t.chi2)
+    def recognise_together(self, trial: Trial, name: str, count: int) -> list[Trial]:
+        """Trials with ``count`` known effects that together do the same to the measurements in the place of one of a trial's."""
+        found = [self._exchange(trial, name, some, size) for some, size in self._together_alike(trial, name, count)]
+        return [t for t in found if t]
 
     def _exchange(self, trial: Trial, name: str, others: Sequence[Screened], size: np.ndarray) -> Trial | None:
         """Try candidates in the place of a trial's effect from where the trial stands, for a start from scratch may end elsewhere.
 
-        The effect is held at ever less of its size, the rest fitted beside it; each step sets out along the last.
+        The effect is held at ever less of its size, the rest fitted beside it; each step sets out along the last. Where any of them
+        is there or not, it is one step.
         """
         f = trial.fit
         rest, known = f.narrowed(name)
@@ -241,7 +243,8 @@ class Search:
         way, ways = np.zeros(len(theta)), [np.zeros(8)] * len(states)
         if sum(s.candidate.parameters for s in others) == len(size):  # not a wave's, whose columns are sines and cosines
             way[len(known) :] = size
-        for share in SHARES if len(rest.free) < len(f.structure.free) else SHARES[-1:]:
+        gradual = len(rest.free) < len(f.structure.free) and all(s.candidate.parameters for s in others)
+        for share in SHARES if gradual else SHARES[-1:]:
             given = before - share
             structure = replace(rest, model=f.structure.with_theta(f.weakened(name, share))) if share else rest
             starts = [x + given * w for x, w in zip(states, ways, strict=True)]

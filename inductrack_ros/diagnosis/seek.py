@@ -129,15 +129,15 @@ def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Tri
 
 
 def _recognised(search: Search, trial: Trial, gate: Gate) -> tuple[Trial, Gate]:
-    """The trial, or one with a known effect, or two, in the place of its stand-in if that leaves noise too."""
+    """The trial, or one with known effects in the place of its stand-in if that leaves noise too: with one, or with as many as are allowed."""
     name = next(n for n in trial.names if n.startswith("stand_in"))
-    room = len(trial.names) - len(search.base.structure.effects) < MOST_EFFECTS
-    for recognise in (search.recognise, search.recognise_two)[: 1 + room]:
-        for other in recognise(trial, name)[:1]:
-            if penalised(search, other) < penalised(search, trial):
-                other, found = search.judged(other)
-                if found.adequate:
-                    return other, found
+    room = MOST_EFFECTS + 1 - (len(trial.names) - len(search.base.structure.effects))
+    for count in range(1, room + 1):
+        found = search.recognise(trial, name) if count == 1 else search.recognise_together(trial, name, count)
+        if found and penalised(search, other := _cheapest(search, found)) < penalised(search, trial):
+            other, left = search.judged(other)
+            if left.adequate:
+                return other, left
     return trial, gate
 
 
