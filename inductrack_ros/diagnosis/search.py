@@ -171,7 +171,7 @@ class Search:
 
     def _alike(self, trial: Trial, name: str) -> list[tuple[Screened, np.ndarray]]:
         """Candidates that would do to the measurements what one effect of a trial does, and the size (p,) at which they would."""
-        project, wanted, standing = self._beside(trial, name)
+        project, wanted, standing = self.beside(trial, name)
         return [
             (s, _size_of(project, [s], wanted))
             for s, columns in standing
@@ -181,7 +181,7 @@ class Search:
     def _together_alike(self, trial: Trial, name: str, count: int) -> list[tuple[tuple[Screened, ...], np.ndarray]]:
         """Sets of ``count`` candidates that would together do what one effect of a trial does, and the size (p,) at which they would;
         the best `NEAREST`."""
-        project, wanted, standing = self._beside(trial, name)
+        project, wanted, standing = self.beside(trial, name)
         seen = [(s, np.linalg.qr(columns)[0]) for s, columns in standing if columns.shape[1] and s.candidate.name != WAVES]
         edges = np.cumsum([0] + [q.shape[1] for _, q in seen])
         together = np.hstack([q for _, q in seen])
@@ -193,7 +193,7 @@ class Search:
         best = sorted((s for s in shares if s[0] > ALIKE**2), key=lambda s: -s[0])[:NEAREST]
         return [(some, _size_of(project, some, wanted)) for _, some in best]
 
-    def _beside(self, trial: Trial, name: str) -> tuple[Projector, np.ndarray, list[tuple[Screened, np.ndarray]]]:
+    def beside(self, trial: Trial, name: str) -> tuple[Projector, np.ndarray, list[tuple[Screened, np.ndarray]]]:
         """What one effect of a trial does to the measurements (N,), and what (N, p) each candidate would, the other nuisance projected out."""
         f = trial.fit
         mine = [k for k, full in enumerate(f.structure.free) if full.rpartition(".")[0] == name]

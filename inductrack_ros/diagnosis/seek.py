@@ -16,7 +16,7 @@ from .gate import Gate
 from .race import Trial
 from .result import INTERRUPTED
 from .search import QUICK_LATER, Search
-from .unknown import penalised, stand_ins
+from .unknown import localised, penalised, stand_ins
 
 #: Candidates tried as the first effect; sets kept at each size.
 QUICK_FIRST, BEAM = 24, 2
@@ -129,16 +129,26 @@ def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Tri
 
 
 def _recognised(search: Search, trial: Trial, gate: Gate) -> tuple[Trial, Gate]:
-    """The trial, or one with known effects in the place of its stand-in if that leaves noise too: with one, or with as many as are allowed."""
+    """The trial, or one with known effects in the place of its stand-in if that leaves noise too: with one, or with as many as are allowed.
+
+    If there is none, the one with a known effect beside a stand-in that is none but at one place.
+    """
     name = next(n for n in trial.names if n.startswith("stand_in"))
-    room = MOST_EFFECTS + 1 - (len(trial.names) - len(search.base.structure.effects))
-    for count in range(1, room + 1):
-        found = search.recognise(trial, name) if count == 1 else search.recognise_together(trial, name, count)
-        if found and penalised(search, other := _cheapest(search, found)) < penalised(search, trial):
-            other, left = search.judged(other)
-            if left.adequate:
-                return other, left
-    return trial, gate
+    room = MOST_EFFECTS - (len(trial.names) - len(search.base.structure.effects))
+    for count in range(1, room + 2):
+        known = search.recognise(trial, name) if count == 1 else search.recognise_together(trial, name, count)
+        if found := _cheaper(search, known, trial):
+            return found
+    local = room > 0 and localised(search, trial, beside=True)
+    return local and _cheaper(search, [local], trial) or (trial, gate)
+
+
+def _cheaper(search: Search, others: Sequence[Trial], trial: Trial) -> tuple[Trial, Gate] | None:
+    """The cheapest of others, if it is cheaper than a trial and leaves nothing but noise."""
+    if others and penalised(search, other := _cheapest(search, others)) < penalised(search, trial):
+        other, gate = search.judged(other)
+        return (other, gate) if gate.adequate else None
+    return None
 
 
 def _least(search: Search, root: Trial, tried: Sequence[Trial]) -> tuple[Trial, Gate]:

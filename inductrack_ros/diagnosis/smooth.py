@@ -11,7 +11,7 @@ from ..core.effects.stand_in import VARIABLES, basis
 from ..core.state import INDEX, STATES
 from ..estimation.fit import Fit
 from ..estimation.problem import Problem
-from ..estimation.structure import Structure, roughness
+from ..estimation.structure import ENDS, Structure, roughness
 from .gate import Projector
 
 #: Weights of roughness tried, relative to the data's weight on the table.
@@ -31,15 +31,20 @@ class Smooth:
     occam: float
 
 
-def smoothest(effect: str, columns: np.ndarray, residual: np.ndarray) -> Smooth:
-    """The table of a stand-in whose columns (N, l), what each value does to the measurements over noise, explain a residual (N,) best."""
-    gram, score = columns.T @ columns, columns.T @ residual
+def smoothest(effect: str, columns: np.ndarray, residual: np.ndarray, local: bool = False) -> Smooth:
+    """The table of a stand-in whose columns (N, l), what each value does to the measurements over noise, explain a residual (N,) best.
+
+    That of a ``local`` force is none at its ends.
+    """
+    free = slice(ENDS, -ENDS) if local else slice(None)
+    gram, score = columns[:, free].T @ columns[:, free], columns[:, free].T @ residual
     unit = max(np.trace(gram) / len(gram), 1e-12)  # where no run has been at all, any will do
     gram += np.diag(np.full(len(gram), 1e-12 * unit))  # nothing is known where no run has been
-    plain = roughness(effect, len(gram), 0.0)
-    bent = roughness(effect, len(gram), 1.0) - plain
+    plain, bent = (roughness(effect, columns.shape[1], weight)[free, free] for weight in (0.0, 1.0))
+    bent = bent - plain
     bends = np.linalg.eigvalsh(bent)
-    return max((_with_weight(gram, score, unit * w, plain, bent, bends) for w in WEIGHTS), key=lambda s: s.promise)
+    best = max((_with_weight(gram, score, unit * w, plain, bent, bends) for w in WEIGHTS), key=lambda s: s.promise)
+    return replace(best, values=np.pad(best.values, ENDS)) if local else best
 
 
 def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float, plain: np.ndarray, bent: np.ndarray, bends: np.ndarray) -> Smooth:
@@ -60,7 +65,7 @@ def smoothed(problem: Problem, fit: Fit, effect: str) -> tuple[Structure, float]
     project = Projector(problem, fit, leave=table)
     scale = fit.structure.scale[table]
     columns = project(project.stack([part.by_theta[:, table] / scale for part in fit.linear]))
-    best = smoothest(effect, columns, project.residual + columns @ (fit.theta[table] * scale))
+    best = smoothest(effect, columns, project.residual + columns @ (fit.theta[table] * scale), effect in fit.structure.local)
     return replace(fit.structure, smoothness={**fit.structure.smoothness, effect: best.weight}), best.occam
 
 

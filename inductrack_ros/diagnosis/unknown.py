@@ -6,17 +6,18 @@ simulation as a ``stand_in_*`` effect, whose table is refined where the force ac
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..core.effects.stand_in import ACTS_ON
 from ..estimation.fit import Fit, fit
+from ..estimation.structure import ENDS, Structure
 from .gate import Projector
 from .look import Look
 from .race import Start, Trial
-from .search import Search
+from .search import ALIKE, Search
 from .signatures import VARIABLES, RunResponse, acts_on, basis, in_words, responses
 from .smooth import smoothest
 
@@ -30,6 +31,8 @@ CLOSE = 0.8
 ABSURD = 20.0
 #: A force below this part of its peak counts as none, and a table that is mostly none is laid anew over the rest.
 ACTIVE, ZOOM = 0.05, 0.4
+#: A table's curve is looked at so often in each of its intervals.
+PER_STEP = 10
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,7 @@ def basis_of(runs: Sequence[RunResponse], variable: str, start: float, step: flo
 def _zoomed(runs, project, residual, shape: Shape) -> Shape:
     """The shape laid anew where its force acts, if that is a small part of the range."""
     count = len(shape.values)
-    u = shape.start + np.linspace(0, count - 1, 10 * count) * shape.step
+    u = shape.start + np.linspace(0, count - 1, PER_STEP * count) * shape.step
     force = basis(u, shape.start, shape.step, count) @ shape.values
     force -= np.median(force)
     on = np.abs(force) > ACTIVE * np.abs(force).max()
@@ -152,6 +155,8 @@ def stand_ins(search: Search, trial: Trial) -> list[Trial]:
         if finer is None or not first_guess and penalised(search, finer) > penalised(search, done[0]) - 1.0:
             break
         done[0] = finer
+    if done and not done[0].fit.rough and (local := localised(search, done[0])) and penalised(search, local) < penalised(search, done[0]):
+        done[0] = local
     for t in done[:1]:
         search.keep(t)
     return done
@@ -176,13 +181,76 @@ def _relaid(search: Search, trial: Trial) -> Shape:
     return _zoomed(runs, project, residual, best)
 
 
+def localised(search: Search, trial: Trial, beside: bool = False) -> Trial | None:
+    """The trial with its first stand-in none but at one place, alone or ``beside`` the known effect that does the rest; None if there is no such place.
+
+    One table holds a wind that is everywhere as well as a rail that is bent at one place, but not that both its ends are as high.
+    """
+    f, name = trial.fit, next(n for n in trial.names if n.startswith("stand_in"))
+    table, what = f.model.effects[name], name.removeprefix("stand_in_")
+    variable = VARIABLES[int(table["variable"])]
+    runs = responses(search.problem, f)
+    if name in f.structure.local or (place := _place(table, *_span(runs, variable))) is None:
+        return None
+    low, step = place[0], (place[1] - place[0]) / INTERVALS
+    project, wanted, standing = search.beside(trial, name)
+    blocks = basis_of(runs, variable, low, step, INTERVALS + 1)
+    force = project(project.stack([r.respond(r.forces(what, b)) for r, b in zip(runs, blocks, strict=True)]))
+    known = [(s.candidate.name, c) for s, c in standing if c.shape[1] == s.candidate.parameters > 0] if beside else [("", np.empty((len(wanted), 0)))]
+    effect, columns = max(known, key=lambda k: _share(wanted, force[:, ENDS:-ENDS], k[1]), default=("", None))
+    if columns is None or _share(wanted, force[:, ENDS:-ENDS], columns) < ALIKE**2:
+        return None
+    q = np.linalg.qr(columns)[0]
+    of_force, of_rest = (x - q @ (q.T @ x) for x in (force, project.residual + wanted))
+    best = smoothest(name, of_force, of_rest, local=True)
+    size = np.linalg.lstsq(columns, project.residual + wanted - force @ best.values, rcond=1e-9)[0]
+    return _placed(search, trial, Shape(what, variable, low, step, best.values, best.promise, best.weight, best.occam), effect, size)
+
+
+def _place(table: Mapping[str, object], low: float, high: float) -> tuple[float, float] | None:
+    """Where a table departs from its level between two values, with room on both sides; None if that is not the smaller part."""
+    start, step, count = table["start"], table["step"], int(table["knots"])
+    u = np.linspace(low, high, int(PER_STEP * (high - low) / step) + 2)
+    force = basis(u, start, step, count) @ np.array(table["values"])[:count]
+    departs = np.abs(force - np.median(force))
+    off, peak = np.flatnonzero(departs <= ACTIVE * departs.max()), int(np.argmax(departs))
+    left, right = u[off[off < peak].max(initial=0)], u[off[off > peak].min(initial=len(u) - 1)]
+    room = 0.5 * (right - left)
+    return (float(left - room), float(right + room)) if right - left < ZOOM * (high - low) else None
+
+
+def _share(wanted: np.ndarray, *columns: np.ndarray) -> float:
+    """The part of a vector (N,) that columns (N, l) can do, to first order."""
+    together = np.hstack(columns)
+    told = together.T @ wanted
+    return float(told @ np.linalg.lstsq(together.T @ together, told, rcond=1e-9)[0] / (wanted @ wanted))
+
+
+def _placed(search: Search, trial: Trial, shape: Shape, effect: str, size: np.ndarray) -> Trial:
+    """The trial with a local shape in the place of its stand-in, and a known ``effect`` of that size (p,) beside it, if any; fitted."""
+    structure, theta = trial.fit.narrowed(shape.name)
+    names = tuple(n for n in trial.names if n != shape.name)
+    if effect:
+        structure, theta, names = structure.plus(effect), np.r_[theta, size + structure.plus(effect).start[len(theta) :]], (*names, effect)
+    search.tell(" + ".join([*names, f"{shape.label} at one place"]))
+    structure = _with(structure, shape, local=True)
+    theta = np.r_[theta, shape.values / structure.scale[len(theta) :]]
+    new = fit(search.problem, structure, trial.fit.states, theta, settle=True)
+    return Trial(new, (*names, shape.name), True, {**trial.freedom, shape.name: shape.occam})
+
+
+def _with(structure: Structure, shape: Shape, local: bool = False) -> Structure:
+    """A structure with a shape as a stand-in, its table free."""
+    plain = structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
+    return replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight}, local=plain.local | {shape.name} if local else plain.local)
+
+
 def _start(trial: Trial, shape: Shape, near: Fit) -> Start:
     """A trial with a stand-in, at the first-order shape or at none where that leads astray; the rest as in ``near``.
 
     A change of the thrust is relative to the thrust of the model as given.
     """
-    plain = trial.fit.structure.plus(shape.name, shape.parameters, free=[f"values[{i}]" for i in range(len(shape.values))])
-    structure = replace(plain, smoothness={**plain.smoothness, shape.name: shape.weight})
+    structure = _with(trial.fit.structure, shape)
     g = len(trial.fit.theta)
     theta = structure.start.copy()
     theta[:g] = near.theta[:g]
