@@ -14,7 +14,7 @@ from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.race import Trial
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.diagnosis.seek import QUICK_FIRST, _one_more_explains, _passing, _varied, find
-from inductrack_ros.diagnosis.unknown import penalised, stand_ins
+from inductrack_ros.diagnosis.unknown import localised, penalised, stand_ins
 from inductrack_ros.estimation.fit import fit, fit_from_scratch
 
 PRACTICE = Path(__file__).parent / "data" / "practice"
@@ -112,3 +112,20 @@ def test_known_effects_are_recognised_in_a_force_of_any_shape(hidden):
     assert set(known.names) == set(hidden)
     assert known.chi2 < force.chi2 + 25 and penalised(search, known) < penalised(search, force)
     assert known.fit.values["skin_friction_drag.wetted_area"] == pytest.approx(5.0, abs=0.5)
+
+
+@pytest.mark.parametrize("wind", [0.0, 0.05])
+def test_a_force_at_one_place_is_none_elsewhere_and_what_is_everywhere_is_known(wind):
+    """A rail bent at 9 m, with a wind or without: the table says nothing but the bend, and the wind is named."""
+    bend = {"variable": 0.0, "start": 8.0, "step": 0.25, "knots": 9.0, "values": (0.0, 0.0, 0.0, 0.1, 0.2, 0.1, 0.0, 0.0, 0.0)}
+    model = Model.create(effects={"stand_in_sway": bend, **({"crosswind": {"force": wind}} if wind else {})})
+    search = Search(*base_fit(simulated([12, 18, 24, 30], seconds=0.8, model=model), Model.default())[:2])
+    force = stand_ins(search, root(search))[0]
+    assert force.names == ("stand_in_sway",) and ("stand_in_sway" in force.fit.structure.local) == (not wind)
+    local = localised(search, force, beside=True) if wind else force
+    assert local.names == (("crosswind", "stand_in_sway") if wind else ("stand_in_sway",)) and search.gate(local).adequate
+    found = local.fit.model.effects["stand_in_sway"]
+    assert found["values"][0] == pytest.approx(0.0, abs=1e-3) == found["values"][int(found["knots"]) - 1]
+    assert penalised(search, local) <= penalised(search, force)
+    if wind:
+        assert local.fit.values["crosswind.force"] == pytest.approx(wind, abs=4 * local.fit.deviations["crosswind.force"])
