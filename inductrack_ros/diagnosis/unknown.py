@@ -182,11 +182,11 @@ def _relaid(search: Search, trial: Trial) -> Shape:
 
 
 def localised(search: Search, trial: Trial, beside: bool = False) -> Trial | None:
-    """The trial with its first stand-in none but at one place, alone or ``beside`` the known effect that does the rest; None if there is no such place.
+    """The trial with its last stand-in none but at one place, alone or ``beside`` the known effect that does the rest; None if there is no such place.
 
     One table holds a wind that is everywhere as well as a rail that is bent at one place, but not that both its ends are as high.
     """
-    f, name = trial.fit, next(n for n in trial.names if n.startswith("stand_in"))
+    f, name = trial.fit, next(n for n in reversed(trial.names) if n.startswith("stand_in"))
     table, what = f.model.effects[name], name.removeprefix("stand_in_")
     variable = VARIABLES[int(table["variable"])]
     runs = responses(search.problem, f)
