@@ -53,6 +53,17 @@ def test_a_point_weighted_anew_is_the_point_under_the_other_noise():
     assert weighted.covariance == pytest.approx(fresh.covariance, rel=1e-6)
 
 
+def test_an_answer_that_ran_out_of_steps_is_fitted_on():
+    search = begun("p7_sensor")
+    best = search.finish(search.grow(root(search), QUICK_FIRST)[0])
+    away = fit(search.problem, best.fit.structure, best.fit.states, best.fit.theta + 0.5 * np.sqrt(np.diag(best.fit.covariance)), iterations=0)
+    assert not away.converged and away.leaves_noise and away.chi2 > best.chi2 + 0.1
+    short = Trial(away, best.names, True)
+    judged, gate = search.judged(short)
+    assert judged.fit.converged and gate.adequate and judged.chi2 < best.chi2 + 0.1
+    assert search.trials[frozenset(best.names)].chi2 <= judged.chi2 and search.converged(judged) is judged
+
+
 def test_a_set_far_behind_the_best_is_neither_refitted_nor_followed():
     search = begun("p7_sensor")
     grown = search.grow(root(search), QUICK_FIRST)

@@ -145,7 +145,7 @@ def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, t
     for name in effects:
         added = frozenset(chosen.names) - {name}
         others = search.recognise(chosen, name) if chosen.stands_in else search.rivals(chosen, name)
-        close = [search.finish(t) for t in others if t.chi2 < chosen.chi2 + CLOSE]
+        close = [search.converged(search.finish(t)) for t in others if t.chi2 < chosen.chi2 + CLOSE]
         rivals = sorted((t.chi2, next(iter(frozenset(t.names) - added))) for t in close if t.chi2 < chosen.chi2 + TWINS)
         if rivals:
             twins[name] = tuple(n for _, n in rivals)

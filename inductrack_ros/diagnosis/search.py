@@ -47,6 +47,7 @@ class Search:
         self.sought: dict[tuple, tuple[Trial, None]] = {}
         self.reduced: dict[tuple, tuple[Trial, None]] = {}
         self.anew: dict[tuple, tuple[Trial, Fit]] = {}
+        self.ended: dict[tuple, tuple[Trial, Fit]] = {}
         self.grown: set[frozenset[str]] = set()
 
     def __reduce__(self):
@@ -107,6 +108,7 @@ class Search:
 
     def judged(self, trial: Trial) -> tuple[Trial, Gate]:
         """A trial and whether it leaves nothing but noise; one that leaves little more has each run's initial state sought anew first."""
+        trial = self.converged(trial)
         if trial.fit.rough or self.gate(trial).adequate:
             return trial, self.gate(trial)
         anew = self._once(self.anew, trial, lambda: each_run_anew(self.problem, trial.fit))
@@ -115,6 +117,16 @@ class Search:
             self.keep(trial)
             self._once(self.anew, trial, lambda: anew)
         return trial, self.gate(trial)
+
+    def converged(self, trial: Trial) -> Trial:
+        """A trial that may be an answer, fitted on if it only ran out of steps: in curved valleys they are short, and its intervals are wrong there."""
+        if trial.fit.converged or trial.stands_in or not trial.fit.leaves_noise:
+            return trial
+        f = self._once(self.ended, trial, lambda: fit(self.problem, trial.fit.structure, trial.fit.states, trial.fit.theta, settle=True))
+        trial = replace(trial, fit=f, full=True)
+        self.keep(trial)
+        self._once(self.ended, trial, lambda: f)
+        return trial
 
     def grow(self, trial: Trial, limit: int, against: Trial | None = None) -> list[Trial]:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them refitted.
