@@ -54,7 +54,7 @@ def test_a_point_weighted_anew_is_the_point_under_the_other_noise():
 
 
 def test_an_answer_that_ran_out_of_steps_is_fitted_on():
-    search = begun("p7_sensor")
+    search = Search(begun("p7_sensor").problem, begun("p7_sensor").base)
     best = search.finish(search.grow(root(search), QUICK_FIRST)[0])
     away = fit(search.problem, best.fit.structure, best.fit.states, best.fit.theta + 0.5 * np.sqrt(np.diag(best.fit.covariance)), iterations=0)
     assert not away.converged and away.leaves_noise and away.chi2 > best.chi2 + 0.1

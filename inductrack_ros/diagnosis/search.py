@@ -12,7 +12,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ..estimation.fit import ROUGH, Fit, each_run_anew, fit, fit_from_scratch, growing, rough_fit
+from ..estimation.anew import each_run_anew
+from ..estimation.fit import ROUGH, Fit, fit, fit_from_scratch, growing, rough_fit
 from ..estimation.problem import Linearisation, Problem
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads

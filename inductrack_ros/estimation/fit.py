@@ -37,8 +37,6 @@ NOISE_TOLERANCE, NOISE = 0.02, 5.0
 #: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these multiples, unless all are
 #: known to this part of themselves by then.
 FAR_OFF, MULTIPLES, KNOWN = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0), 0.1
-#: A fall of a run's χ² that no step of a converged fit would still have won.
-BETTER = 1.0
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
 
@@ -249,7 +247,7 @@ def _moved(problem: Problem, structure: Structure, now: _Point, step, local, gai
     return _point(problem, structure, theta, states, residuals), better
 
 
-def _blocks(part: Linearisation):
+def within_bounds(part: Linearisation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of one run that are within all bounds: residual, derivatives by theta and by the free states."""
     rows = (np.abs(part.residual) < LOST) & (np.abs(part.by_theta) < LOST).all(axis=1) & (np.abs(part.by_state) < LOST).all(axis=1)  # not where NaN
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
@@ -274,7 +272,7 @@ def _solve(problem, linear, theta, structure, states, damping, of_runs):
     b = A @ (structure.centre - theta)
     runs = []
     for data, part, x, own in zip(problem.runs, linear, states, of_runs, strict=True):
-        r, G, X = _blocks(part)
+        r, G, X = within_bounds(part)
         f = part.free_states
         weight = STATE_PRIOR[f] ** -2.0
         C = X.T @ X + np.diag(weight)
@@ -320,7 +318,7 @@ def _covariance(structure, linear) -> np.ndarray:
     g = len(structure.free)
     A = structure.precision.copy()
     for part in linear:
-        _, G, X = _blocks(part)
+        _, G, X = within_bounds(part)
         C = X.T @ X + np.diag(STATE_PRIOR[part.free_states] ** -2.0)
         A += G.T @ G - (G.T @ X) @ np.linalg.solve(C, X.T @ G)
     covariance = np.zeros((g, g))
@@ -348,25 +346,6 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
     if near is None:
         return fit(problem, structure, None, theta, settle=True)
     return fit(problem, structure, near.states, near.theta, iterations=60, settle=not near.hopeless)
-
-
-def each_run_anew(problem: Problem, f: Fit) -> Fit:
-    """The fit with every run's initial state sought from scratch beside its parameters, refitted if one fares better for it.
-
-    An impact that a run has on the wrong side of a sample, or once too often, traps it: no step away from there is better.
-    """
-    held = Structure(f.model, ())
-
-    def task(i: int) -> np.ndarray:
-        alone = problem.subset([i])
-        alone.threads = 1
-        anew = fit_from_scratch(alone, held)
-        return anew.states[0] if anew.chi2 < chi_square([f.linear[i].residual]) - BETTER else f.states[i]
-
-    states = problem.for_runs(task)
-    if all(x is old for x, old in zip(states, f.states, strict=True)):
-        return f
-    return min(f, fit(problem, f.structure, states, f.theta, iterations=15), key=lambda f: f.chi2)
 
 
 def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, thorough: bool) -> Fit | None:
