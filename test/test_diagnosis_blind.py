@@ -100,7 +100,7 @@ def test_what_stands_out_by_a_hair_and_nothing_explains_is_no_verdict():
 
 def test_a_trapped_run_is_no_missing_effect():
     """One of fourteen runs misses by 87 µm of its start's height, 80 of its standard deviations; no horizon by itself leads out of there."""
-    row = run(18607, "nothing")
+    row = run(18607, None)
     assert row["right"], row
 
 
