@@ -330,11 +330,6 @@ DIRECTIONS = {  # parameters, what moves and where to, the start besides 25 m/s 
     "beam_attraction": ({"force": 20.0}, "heave", -1, {}),
     "halbach_fifth_harmonic": ({"relative_amplitude": 0.1}, "heave", 1, {}),
 }
-#: The same for smooth forces in place of what is not known.
-STAND_INS = {
-    "stand_in_heave": (TABLE, lambda x, t: {"added": (0, 0, table(x[0]), 0)}),
-    "stand_in_thrust": (TABLE, lambda x, t: {"thrust_factor": 1 + table(x[0])}),
-}
 
 
 @pytest.mark.parametrize("name", DIRECTIONS)

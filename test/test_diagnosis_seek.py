@@ -123,6 +123,8 @@ def test_known_effects_are_recognised_in_a_force_of_any_shape(hidden):
     assert set(known.names) == set(hidden)
     assert known.chi2 < force.chi2 + 25 and penalised(search, known) < penalised(search, force)
     assert known.fit.values["skin_friction_drag.wetted_area"] == pytest.approx(5.0, abs=0.5)
+    if "track_slope" in hidden:
+        assert known.fit.values["track_slope.angle"] == pytest.approx(0.02, abs=0.002)
 
 
 @pytest.mark.parametrize("wind", [0.0, 0.05])
