@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..core.effects.stand_in import ACTS_ON
-from ..estimation.fit import Fit, fit
+from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.structure import ENDS, Structure
 from .gate import Projector
 from .look import Look
@@ -155,7 +155,7 @@ def stand_ins(search: Search, trial: Trial) -> list[Trial]:
         if finer is None or not first_guess and penalised(search, finer) > penalised(search, done[0]) - 1.0:
             break
         done[0] = finer
-    if done and not done[0].fit.rough and (local := localised(search, done[0])) and penalised(search, local) < penalised(search, done[0]):
+    if done and not done[0].fit.hopeless and (local := localised(search, done[0])) and penalised(search, local) < penalised(search, done[0]):
         done[0] = local
     for t in done[:1]:
         search.keep(t)
@@ -235,7 +235,7 @@ def _placed(search: Search, trial: Trial, shape: Shape, effect: str, size: np.nd
     search.tell(" + ".join([*names, f"{shape.label} at one place"]))
     structure = _with(structure, shape, local=True)
     theta = np.r_[theta, shape.values / structure.scale[len(theta) :]]
-    new = fit(search.problem, structure, trial.fit.states, theta, settle=True)
+    new = _settled(search, structure, trial.fit.states, theta)
     return Trial(new, (*names, shape.name), True, {**trial.freedom, shape.name: shape.occam})
 
 
@@ -281,8 +281,14 @@ def _refit(search: Search, trial: Trial, shape: Shape, near: Trial | None = None
     if best is None:
         return None
     if near is not None:
-        best = fit(search.problem, structure, best.states, best.theta, iterations=3, tolerance=1.0)
+        best = _settled(search, structure, best.states, best.theta)
     return Trial(best, start.names, True, start.freedom)
+
+
+def _settled(search: Search, structure: Structure, states: Sequence[np.ndarray], theta: np.ndarray) -> Fit:
+    """Fitted to convergence; where more than noise is left also over growing horizons, for joint steps over whole runs may be trapped."""
+    new = fit(search.problem, structure, states, theta, settle=True)
+    return new if new.leaves_noise else min(new, fit_from_scratch(search.problem, structure, theta, thorough=False), key=lambda f: f.chi2)
 
 
 def penalised(search: Search, trial: Trial) -> float:
