@@ -112,22 +112,25 @@ class Search:
         trial = self.converged(trial)
         if trial.fit.rough or self.gate(trial).adequate:
             return trial, self.gate(trial)
-        anew = self._once(self.anew, trial, lambda: each_run_anew(self.problem, trial.fit))
-        if anew is not trial.fit:
-            trial = replace(trial, fit=anew)
-            self.keep(trial)
-            self._once(self.anew, trial, lambda: anew)
+        trial = self._once_refitted(self.anew, trial, lambda: each_run_anew(self.problem, trial.fit))
         return trial, self.gate(trial)
 
     def converged(self, trial: Trial) -> Trial:
         """A trial that may be an answer, fitted on if it only ran out of steps: in curved valleys they are short, and its intervals are wrong there."""
         if trial.fit.converged or trial.stands_in or not trial.fit.leaves_noise:
             return trial
-        f = self._once(self.ended, trial, lambda: fit(self.problem, trial.fit.structure, trial.fit.states, trial.fit.theta, settle=True))
-        trial = replace(trial, fit=f, full=True)
-        self.keep(trial)
-        self._once(self.ended, trial, lambda: f)
-        return trial
+        f = trial.fit
+        return self._once_refitted(self.ended, trial, lambda: fit(self.problem, f.structure, f.states, f.theta, settle=True))
+
+    def _once_refitted(self, known: dict, trial: Trial, refit: Callable[[], Fit]) -> Trial:
+        """A trial with another fit in place of its own, made once for both."""
+        new = self._once(known, trial, refit)
+        if new is trial.fit:
+            return trial
+        refitted = replace(trial, fit=new, full=True)
+        self.keep(refitted)
+        self._once(known, refitted, lambda: new)
+        return refitted
 
     def grow(self, trial: Trial, limit: int, against: Trial | None = None) -> list[Trial]:
         """The trial with one more effect, for the ``limit`` most promising candidates; best first, the best of them refitted.
