@@ -43,6 +43,12 @@ def test_a_complete_model_is_adequate_and_says_what_could_hide():
     assert any("coasting runs only" in n for n in found.notes)
 
 
+def test_runs_too_short_for_a_test_of_whiteness_may_be_adequate():
+    """Forty samples of a channel in a run."""
+    assert diagnose(simulated([18, 22, 27, 33, 38], rate=100.0), Model.default()).verdict == "adequate"
+
+
+
 def test_too_few_samples():
     campaign = simulated([20.0], seconds=0.05)
     with pytest.raises(InputError, match="needs at least"):

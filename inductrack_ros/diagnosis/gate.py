@@ -141,7 +141,7 @@ def check(
     tests, p_scores = _score_tests(named, blocks, project.residual, np.random.default_rng(seed))
     white = _whiteness(problem, fit)
     tests += white
-    p_white = min(1.0, len(white) * min((t.p_value for t in white), default=1.0))
+    p_white = min([1.0, *(len(white) * t.p_value for t in white)])  # none where the runs are too short
     size = _size(problem, fit)
     tests.append(size)
     adequate = p_scores > LEVEL_SCORES and p_white > LEVEL_WHITENESS and size.p_value > LEVEL_SIZE
