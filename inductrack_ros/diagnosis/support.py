@@ -82,8 +82,10 @@ def disagreeing(problem: Problem, base: Fit) -> list[str]:
 
 
 def leftover(problem: Problem, final: Fit, given: Mapping[str, float], gate: Gate) -> list[str]:
-    """Notes on what the final fit shows: noise levels that do not fit, all-contact data."""
+    """Notes on what the final fit shows: a large misfit, noise levels that do not fit, all-contact data."""
     notes = []
+    if final.rough:
+        notes.append(f"the runs still miss by {np.sqrt(final.reduced_chi2):.2g} times the noise: what is named is a lead, its size not to be relied on")
     touching = [bool((problem.simulate(final.structure, i, final.theta[None], final.states[i][None])[0][:, 8:11].min(axis=1) < 0).mean() > 0.9) for i in range(len(problem.runs))]
     if all(touching):
         notes.append("the cradle touches the track in every run: lift and damping show little; runs that fly would show them")
