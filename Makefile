@@ -19,7 +19,7 @@ demo: $(READY)
 	@$(BIN)/python -m inductrack_ros.demo
 
 test: $(READY) lint
-	@$(BIN)/python -m pytest -m "not alone" --numprocesses 2 --dist loadfile
+	@$(BIN)/python -m pytest -m "not alone" --numprocesses 2 --dist worksteal
 	@$(BIN)/python -m pytest -m alone
 
 # docs/performance.md: against the peers of the extra `benchmark`, as far as they install, and a C compiler's loop.

@@ -26,6 +26,12 @@ def begun(name: str) -> Search:
     return Search(*base_fit(load_campaign(PRACTICE / name), Model.default())[:2])
 
 
+@cache
+def grown(name: str) -> tuple[Trial, ...]:
+    search = begun(name)
+    return tuple(search.grow(root(search), QUICK_FIRST))
+
+
 def root(search: Search) -> Trial:
     return search.trials[frozenset()]
 
@@ -73,7 +79,7 @@ def test_a_point_weighted_anew_is_the_point_under_the_other_noise():
 
 def test_an_answer_that_ran_out_of_steps_is_fitted_on():
     search = Search(begun("p7_sensor").problem, begun("p7_sensor").base)
-    best = search.finish(search.grow(root(search), QUICK_FIRST)[0])
+    best = search.finish(grown("p7_sensor")[0])
     away = fit(search.problem, best.fit.structure, best.fit.states, best.fit.theta + 0.5 * np.sqrt(np.diag(best.fit.covariance)), iterations=0)
     assert not away.converged and away.leaves_noise and away.chi2 > best.chi2 + 0.1
     short = Trial(away, best.names, True)
@@ -83,9 +89,8 @@ def test_an_answer_that_ran_out_of_steps_is_fitted_on():
 
 
 def test_a_set_far_behind_the_best_is_neither_refitted_nor_followed():
-    search = begun("p7_sensor")
-    grown = search.grow(root(search), QUICK_FIRST)
-    best, last = grown[0], grown[-1]
+    search, ranked = begun("p7_sensor"), grown("p7_sensor")
+    best, last = ranked[0], ranked[-1]
     assert best.names == ("sensor_delay:heave",) and last.chi2 > 1.5 * best.chi2 and not last.full
     ranked = [best, last]
     assert _passing(search, ranked)
@@ -96,7 +101,7 @@ def test_a_set_far_behind_the_best_is_neither_refitted_nor_followed():
 def test_one_more_known_effect_is_told_from_a_force_of_any_shape():
     """Beside one of two effects the other promises all that is left; of a patch that pulls no known effect explains nearly all."""
     two, odd = begun("p5_two"), begun("p6_odd")
-    first = two.finish(two.grow(root(two), QUICK_FIRST)[0])
+    first = two.finish(grown("p5_two")[0])
     assert first.label in ("roll_damping", "track_slope") and not two.gate(first).adequate
     assert _one_more_explains(two, first)
     assert not _one_more_explains(odd, root(odd))
@@ -131,7 +136,7 @@ THREE = {**PULSE, "sliding_friction__coefficient": 0.05, **SKIN}
 @pytest.mark.parametrize("hidden", [TWO, THREE])
 def test_known_effects_are_recognised_in_a_force_of_any_shape(hidden):
     """Drags, a slope and a weaker drive are one smooth force, to within little: what it does to the measurements says which they are."""
-    runs = measured([12, 24, 30], **hidden) + measured([10, 18, 26], 3000.0, **hidden)
+    runs = measured([14, 28], **hidden) + measured([10, 20], 3000.0, **hidden)
     search = searched(runs)
     force = next(t for t in stand_ins(search, root(search)) if t.names == ("stand_in_surge",))
     found = search.recognise_together(force, "stand_in_surge", len(hidden))
@@ -146,7 +151,7 @@ def test_known_effects_are_recognised_in_a_force_of_any_shape(hidden):
 @pytest.mark.parametrize("wind", [0.0, 0.05])
 def test_a_force_at_one_place_is_none_elsewhere_and_what_is_everywhere_is_known(wind):
     """A rail bent at 9 m, with a wind or without: the table says nothing but the bend, and the wind is named."""
-    runs = measured([12, 18, 24, 30], crosswind__force=wind, sway_patch__force=0.2, sway_patch__place=9.0, sway_patch__width=0.3)
+    runs = measured([12, 20, 30], crosswind__force=wind, sway_patch__force=0.2, sway_patch__place=9.0, sway_patch__width=0.3)
     search = searched(runs)
     force = stand_ins(search, root(search))[0]
     assert force.names == ("stand_in_sway",) and ("stand_in_sway" in force.fit.structure.local) == (not wind)
