@@ -14,11 +14,15 @@ from inductrack_ros.data.campaign import Campaign, Run
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.race import Trial
 from inductrack_ros.diagnosis.search import Search
-from inductrack_ros.diagnosis.seek import QUICK_FIRST, _one_more_explains, _passing, _varied, find
+from inductrack_ros.diagnosis.seek import QUICK_FIRST, _one_more_explains, _passing, _two_explain, _varied, find
 from inductrack_ros.diagnosis.unknown import localised, penalised, stand_ins
 from inductrack_ros.estimation.fit import fit, fit_from_scratch
 
 PRACTICE = Path(__file__).parent / "data" / "practice"
+
+SKIN, PULSE = {"skin_friction_drag__wetted_area": 5.0}, {"finite_pulse_width__on": 1.0}
+TWO = {"track_slope__angle": 0.02, **SKIN}
+THREE = {**PULSE, "sliding_friction__coefficient": 0.05, **SKIN}
 
 
 @cache
@@ -55,8 +59,10 @@ def searched(runs: tuple[Run, ...]) -> Search:
 
 def test_what_was_found_under_more_noise_is_not_sought_again():
     """Under too large a noise the delay is found; under the true one it is refitted and passes, and nothing else is tried."""
-    truly = begun("p7_sensor")
-    blunt = truly.problem.with_sigma(truly.problem.sigma * np.array([1.1, 1.3, 1.2, 1.15]))
+    whole = begun("p7_sensor")
+    half = whole.problem.subset(range(6))
+    truly = Search(half, fit(half, whole.base.structure, whole.base.states[:6], whole.base.theta))
+    blunt = half.with_sigma(half.sigma * np.array([1.1, 1.3, 1.2, 1.15]))
     search = Search(blunt, fit(blunt, truly.base.structure, truly.base.states, truly.base.theta))
     first = search.finish(search.grow(root(search), QUICK_FIRST)[0])
     assert first.names == ("sensor_delay:heave",)
@@ -107,6 +113,13 @@ def test_one_more_known_effect_is_told_from_a_force_of_any_shape():
     assert not _one_more_explains(odd, root(odd))
 
 
+def test_two_known_effects_are_told_from_a_force_of_any_shape():
+    """A slope and a drag are one smooth force of the speed, a patch is one of the place: known physics is asked first where two promise all of it."""
+    two, odd = searched(measured([14, 28], **TWO)), begun("p6_odd")
+    assert _two_explain(two, root(two))
+    assert not _two_explain(odd, root(odd))
+
+
 def test_an_exact_twin_is_reached_though_the_runs_touch_down():
     """More inductance is less resistance and another η: far apart, with impacts on the way that throw a refit off at once."""
     search = searched(measured([8, 14, 22], track_inductance__relative_change=0.34))
@@ -126,11 +139,6 @@ def test_an_effect_at_a_share_of_its_size():
     half = structure.decode(at.weakened("track_inductance", 0.5))
     assert half == pytest.approx(at.values | {"track_inductance.relative_change": 0.2})
     assert np.array_equal(at.weakened("track_inductance", 1.0), at.theta)
-
-
-SKIN, PULSE = {"skin_friction_drag__wetted_area": 5.0}, {"finite_pulse_width__on": 1.0}
-TWO = {"track_slope__angle": 0.02, **SKIN}
-THREE = {**PULSE, "sliding_friction__coefficient": 0.05, **SKIN}
 
 
 @pytest.mark.parametrize("hidden", [TWO, THREE])
