@@ -37,6 +37,12 @@ def test_sway_and_roll_that_nothing_measures():
     assert row["right"], row
 
 
+def test_two_effects_that_are_one_force_of_the_speed():
+    """A slope and a drag: a smooth force on surge_rate passes too, but known physics is asked first."""
+    row = run(9043, None)
+    assert row["right"], row
+
+
 def test_a_force_that_makes_the_cradle_unstable():
     """A moment on the cube of sway: whole runs are thrown far off, their beginnings tell it."""
     row = run(9015, None)

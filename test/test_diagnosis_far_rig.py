@@ -76,5 +76,5 @@ def test_damping_is_named_and_something_is_left(tmp_path):
     campaign = plate(tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}}, warming=0.05, curl=0.3)
     found = diagnose(campaign, Model.load(campaign.model))
     assert found.verdict == "unknown_effect" and found.effects[:1] == ("heave_damping",)
-    assert ("a lead" in " ".join(found.notes)) == (found.steps[-1].reduced_chi2 > 1.5)
+    assert any("is a lead" in note for note in found.notes)
     assert found.steps[1].effects == ("heave_damping",) and found.steps[0].reduced_chi2 > 5 * found.steps[1].reduced_chi2

@@ -48,7 +48,6 @@ def test_runs_too_short_for_a_test_of_whiteness_may_be_adequate():
     assert diagnose(simulated([18, 22, 27, 33, 38], rate=100.0), Model.default()).verdict == "adequate"
 
 
-
 def test_too_few_samples():
     campaign = simulated([20.0], seconds=0.05)
     with pytest.raises(InputError, match="needs at least"):

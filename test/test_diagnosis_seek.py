@@ -1,4 +1,4 @@
-"""Idea: the order in which sets of effects are tried, on practice campaigns with known answers."""
+"""Idea: the order in which sets of effects are tried, on practice campaigns and small ones of the independent simulator, with known answers."""
 
 from functools import cache
 from pathlib import Path
@@ -10,7 +10,8 @@ from test_diagnosis_input import CHANNELS, NOISE
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.data.campaign import Campaign, Run
+from inductrack_ros.data.campaign import Campaign
+from inductrack_ros.data.measurement import Run
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.race import Trial
 from inductrack_ros.diagnosis.search import Search
@@ -20,9 +21,8 @@ from inductrack_ros.estimation.fit import fit, fit_from_scratch
 
 PRACTICE = Path(__file__).parent / "data" / "practice"
 
-SKIN, PULSE = {"skin_friction_drag__wetted_area": 5.0}, {"finite_pulse_width__on": 1.0}
-TWO = {"track_slope__angle": 0.02, **SKIN}
-THREE = {**PULSE, "sliding_friction__coefficient": 0.05, **SKIN}
+TWO = {"track_slope__angle": 0.02, "skin_friction_drag__wetted_area": 5.0}
+THREE = {"finite_pulse_width__on": 1.0, "sliding_friction__coefficient": 0.05, "skin_friction_drag__wetted_area": 5.0}
 
 
 @cache
@@ -95,8 +95,8 @@ def test_an_answer_that_ran_out_of_steps_is_fitted_on():
 
 
 def test_a_set_far_behind_the_best_is_neither_refitted_nor_followed():
-    search, ranked = begun("p7_sensor"), grown("p7_sensor")
-    best, last = ranked[0], ranked[-1]
+    search = begun("p7_sensor")
+    best, *_, last = grown("p7_sensor")
     assert best.names == ("sensor_delay:heave",) and last.chi2 > 1.5 * best.chi2 and not last.full
     ranked = [best, last]
     assert _passing(search, ranked)
@@ -144,8 +144,7 @@ def test_an_effect_at_a_share_of_its_size():
 @pytest.mark.parametrize("hidden", [TWO, THREE])
 def test_known_effects_are_recognised_in_a_force_of_any_shape(hidden):
     """Drags, a slope and a weaker drive are one smooth force, to within little: what it does to the measurements says which they are."""
-    runs = measured([14, 28], **hidden) + measured([10, 20], 3000.0, **hidden)
-    search = searched(runs)
+    search = searched(measured([14, 28], **hidden) + measured([10, 20], 3000.0, **hidden))
     force = next(t for t in stand_ins(search, root(search)) if t.names == ("stand_in_surge",))
     found = search.recognise_together(force, "stand_in_surge", len(hidden))
     known = min(found, key=lambda t: penalised(search, t))

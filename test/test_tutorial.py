@@ -10,11 +10,13 @@ import sys
 import threading
 from pathlib import Path
 
+import pytest
 from conftest import wait_until
 
 from inductrack_ros.core.kernel import cache_folder
 from inductrack_ros.data import read_bag
 
+pytestmark = pytest.mark.alone
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 #: The installation is that of the tests; what the Makefile would do is looked at only.
