@@ -12,10 +12,22 @@ from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.data.campaign import Campaign
 from inductrack_ros.data.measurement import Run
+from inductrack_ros.diagnosis import seek, unknown
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.race import Trial
 from inductrack_ros.diagnosis.search import Search
-from inductrack_ros.diagnosis.seek import QUICK_FIRST, _one_more_explains, _passing, _two_explain, _varied, find
+from inductrack_ros.diagnosis.seek import (
+    QUICK_FIRST,
+    _first_effects,
+    _force_of_any_shape,
+    _grown,
+    _one_more_explains,
+    _passing,
+    _two_explain,
+    _varied,
+    find,
+)
+from inductrack_ros.diagnosis.signatures import VARIABLES
 from inductrack_ros.diagnosis.unknown import localised, penalised, stand_ins
 from inductrack_ros.estimation.fit import fit, fit_from_scratch
 
@@ -169,3 +181,31 @@ def test_a_force_at_one_place_is_none_elsewhere_and_what_is_everywhere_is_known(
     assert penalised(search, local) <= penalised(search, force)
     if wind:
         assert local.fit.values["crosswind.force"] == pytest.approx(wind, abs=4 * local.fit.deviations["crosswind.force"])
+
+
+def test_a_force_at_one_place_found_late_is_told_from_one_everywhere(monkeypatch):
+    """Found beside another effect it was laid over the whole track: what is chosen is the simplest, and known to the search under another noise."""
+    search = searched(measured([12, 20, 30], sway_patch__force=0.2, sway_patch__place=9.0, sway_patch__width=0.3))
+    with monkeypatch.context() as patch:
+        patch.setattr(unknown, "localised", lambda *_: None)
+        wide = stand_ins(search, root(search))[0]
+    assert search.gate(wide).adequate and not wide.fit.structure.local
+    chosen, gate = find(search, root(search), [], wide)
+    assert chosen.names == ("stand_in_sway",) and chosen.fit.structure.local == {"stand_in_sway"} and gate.adequate
+    again = search.under(search.problem.with_sigma(0.9 * search.problem.sigma), search.base)
+    assert again.trials[frozenset(chosen.names)].fit.structure == chosen.fit.structure
+
+
+def test_what_comes_late_does_not_hide_a_known_effect(monkeypatch):
+    """A drag acts from the start, a stretch that brakes only at 9 m, but far more: over whole runs nothing looks like the drag any more."""
+    hidden = {"skin_friction_drag__wetted_area": 2.0, "surge_patch__force": 20.0, "surge_patch__place": 9.0, "surge_patch__width": 0.6}
+    search = searched(measured([14, 24], **hidden) + measured([20], 3000.0, **hidden))
+    singles = _grown(search, root(search), QUICK_FIRST)
+    first = _first_effects(search, root(search), singles)
+    assert not {"skin_friction_drag", "aerodynamic_drag"} & set(singles[0].names)
+    assert first[0] is singles[0] and {"skin_friction_drag", "aerodynamic_drag"} & set(first[1].names)
+    monkeypatch.setattr(seek, "stand_ins", lambda search, trial: stand_ins(search, trial) if trial is first[1] else [])
+    tried: list[Trial] = []
+    found, gate = _force_of_any_shape(search, root(search), first, tried)
+    assert gate.adequate and not tried and found.names == (*first[1].names, "stand_in_surge")
+    assert VARIABLES[int(found.fit.model.effects["stand_in_surge"]["variable"])] == "surge"

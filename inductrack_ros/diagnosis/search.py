@@ -284,7 +284,7 @@ class Search:
         """Remember a trial, the better of two with the same effects; of two that are as good the one that was refitted in full."""
         key = frozenset(trial.names)
         old = self.trials.get(key)
-        if old is None or trial.chi2 < old.chi2 + MARGIN * (trial.full - old.full):
+        if old is None or trial.cost < old.cost + MARGIN * (trial.full - old.full):
             self.trials[key] = trial
 
     def _first_step(self, trial: Trial, screened: Screened) -> Trial | None:

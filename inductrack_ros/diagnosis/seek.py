@@ -30,9 +30,8 @@ NEEDED = 100.0
 PREFER_KNOWN = 0.8
 #: Two of them also where, with one of the best so many, they promise this part of the whole misfit.
 TWO_EXPLAIN, FIRST_OF_TWO = 0.95, 8
-#: This part of the misfit, or of what another takes off it, is nearly all; with less than this a known effect is not what a force of any
-#: shape that takes nearly all stands for.
-NEARLY, MUCH = 0.9, 0.5
+#: This part of the misfit, or of what another takes off it, is nearly all.
+NEARLY = 0.9
 #: Candidates beside a force of any shape that are refitted, where that leaves at most so many times the noise: first order says well which.
 BESIDE, NEAR = 4, 3.0
 #: A set that leaves so many times what the best leaves of the misfit is not followed.
@@ -65,6 +64,7 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
     if found_gate.doubtful and not chosen.stands_in and INTERRUPTED not in notes:
         notes.append(f"the tests find something left (p = {found_gate.smallest:.2g}), but nothing tried explains it better than chance would")
         found_gate = replace(found_gate, adequate=True)
+    search.trials[frozenset(chosen.names)] = chosen  # whatever else was found with the same effects
     return chosen, found_gate
 
 
@@ -73,9 +73,9 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     singles = _grown(search, root, QUICK_FIRST)
     if passing := _passing(search, singles):
         return passing
-    tried, starts = [root], [root, *singles[:1]]
+    tried, first = [root], _first_effects(search, root, singles)
     unknown_first = not (_points_to_known(search, singles[0] if singles else root) or _two_explain(search, root))
-    if unknown_first and (found := _force_of_any_shape(search, starts, tried)):
+    if unknown_first and (found := _force_of_any_shape(search, root, first, tried)):
         return found
     beam, unknown_tried = _varied(singles), unknown_first
     for _ in range(MOST_EFFECTS - 1):
@@ -91,47 +91,56 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         if not beam or beam[0].fit.hopeless and max(map(search.reach, beam)) <= reached:  # not what throws the runs off
             tried.extend(beam)
             break
-        beam[0] = _exchanged(search, search.finish(beam[0]))
+        beam[0] = search.finish(beam[0])
+        if not unknown_tried and not _explains(beam[0], root) and not _one_more_explains(search, beam[0]):  # what is missing most may be none of the known
+            unknown_tried = True
+            if found := _force_of_any_shape(search, root, first, tried):
+                return found
+        beam[0] = _exchanged(search, beam[0])
         tried.append(beam[0])
         if passing := _passing(search, beam[:1]):
             return passing
-        if beam[0].fit.rough and not unknown_tried and not _one_more_explains(search, beam[0]):  # what is missing most may be none of the known
-            unknown_tried = True
-            if found := _force_of_any_shape(search, starts, tried):
-                return found
-    if not unknown_tried and (found := _force_of_any_shape(search, starts, tried)):
+    if not unknown_tried and (found := _force_of_any_shape(search, root, first, tried)):
         return found
     return _least(search, root, tried)
 
 
-def _explains(trial: Trial, root: Trial, best: float | None = None, part: float = NEARLY) -> bool:
+def _explains(trial: Trial, root: Trial, best: float | None = None) -> bool:
     """Whether a trial takes nearly all off the misfit, or nearly as much as one with a χ² of ``best`` does."""
     best = trial.fit.samples if best is None else best
-    return trial.chi2 < root.chi2 - part * (root.chi2 - best)
+    return trial.chi2 < root.chi2 - NEARLY * (root.chi2 - best)
 
 
-def _force_of_any_shape(search: Search, starts: Sequence[Trial], tried: list[Trial]) -> tuple[Trial, Gate] | None:
-    """A stand-in that leaves noise, or does with known effects beside it; what was tried goes to ``tried``."""
-    root, explained = starts[0], False
-    for start in starts:
-        if explained and not _explains(start, root, part=MUCH):
-            break
-        found: list[Trial] = []
-        for known in range(MOST_EFFECTS):
-            found = _grown(search, found[0], BESIDE) if known else stand_ins(search, start)[:1]
-            if passing := _passing(search, found):
-                return passing
-            tried.extend(found[:1])
-            if not found or found[0].chi2 > NEAR * found[0].fit.samples or not _explains(found[0], root):
-                break
-            explained = True
+def _first_effects(search: Search, root: Trial, singles: Sequence[Trial]) -> list[Trial]:
+    """The best of single effects over whole runs, and over their beginnings where that does not show: what comes later may hide it."""
+    early = {s.candidate.name: s.promise for s in search.near(root)[0].screened}
+    best = max(early, key=early.get, default="")
+    shows = any(early.get(t.names[-1], 0.0) > NEARLY * early.get(best, 0.0) for t in singles[:1])
+    hidden = None if shows else search.trials.get(frozenset(root.names) | {best})
+    return [*singles[:1], *([hidden] if hidden else [])]
+
+
+def _force_of_any_shape(search: Search, root: Trial, first: Sequence[Trial], tried: list[Trial]) -> tuple[Trial, Gate] | None:
+    """A stand-in that leaves noise, or the cheapest set of one and known effects that does; what was tried goes to ``tried``.
+
+    Of a force and a known effect either may show first: those of the known that did are tried with a stand-in beside them too.
+    """
+    found = stand_ins(search, root)[:BEAM]
+    for known in range(MOST_EFFECTS):
+        if passing := _passing(search, found):
+            return passing
+        tried.extend(found[:1])
+        near = [t for t in _varied(found) if t.chi2 < NEAR * t.fit.samples and _explains(t, root)]
+        found = [] if known else [t for single in first for t in stand_ins(search, single)[:1]]
+        for trial in near:
+            found = _grown(search, trial, BESIDE, found)
     return None
 
 
 def _recognised(search: Search, trial: Trial, gate: Gate) -> tuple[Trial, Gate]:
     """The trial, or one with known effects in the place of its stand-in if that leaves noise too: with one, or with as many as are allowed.
 
-    If there is none, the one with a known effect beside a stand-in that is none but at one place.
+    If there is none, the one with a stand-in that is none but at one place, alone or with a known effect beside it.
     """
     name = next(n for n in trial.names if n.startswith("stand_in"))
     room = MOST_EFFECTS - (len(trial.names) - len(search.base.structure.effects))
@@ -139,8 +148,8 @@ def _recognised(search: Search, trial: Trial, gate: Gate) -> tuple[Trial, Gate]:
         known = search.recognise(trial, name) if count == 1 else search.recognise_together(trial, name, count)
         if found := _cheaper(search, known, trial):
             return found
-    local = room > 0 and localised(search, trial, beside=True)
-    return local and _cheaper(search, [local], trial) or (trial, gate)
+    local = [localised(search, trial, beside) for beside in ((False, True) if room > 0 else (False,))]
+    return _cheaper(search, [t for t in local if t], trial) or (trial, gate)
 
 
 def _cheaper(search: Search, others: Sequence[Trial], trial: Trial) -> tuple[Trial, Gate] | None:
@@ -187,7 +196,7 @@ def _grown(search: Search, trial: Trial, limit: int, beside: Sequence[Trial] = (
     grown = {frozenset(t.names): t for t in beside}
     for t in search.grow(trial, limit):
         key = frozenset(t.names)
-        if _significant(search, t, trial) and (key not in grown or t.chi2 < grown[key].chi2):
+        if _significant(search, t, trial) and (key not in grown or t.cost < grown[key].cost):
             grown[key] = t
     return sorted(grown.values(), key=lambda t: penalised(search, t))
 
