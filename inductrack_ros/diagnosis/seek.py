@@ -84,7 +84,7 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
         reached = max(map(search.reach, beam), default=0.0)
         grown: list[Trial] = []
         for trial in beam:
-            grown = _grown(search, trial, QUICK_LATER, grown)
+            grown = _ranked(search, [*grown, *_grown(search, trial, QUICK_LATER)])
             if passing := _passing(search, grown):
                 return passing
         beam = _varied(grown)
@@ -131,9 +131,11 @@ def _force_of_any_shape(search: Search, root: Trial, first: Sequence[Trial], tri
             return passing
         tried.extend(found[:1])
         near = [t for t in _varied(found) if t.chi2 < NEAR * t.fit.samples and _explains(t, root)]
-        found = [] if known else [t for single in first for t in stand_ins(search, single)[:1]]
-        for trial in near:
-            found = _grown(search, trial, BESIDE, found)
+        found = _grown(search, near[0], BESIDE) if near else []
+        if passing := _passing(search, found):
+            return passing
+        others = [] if known else [t for single in first for t in stand_ins(search, single)[:1]]
+        found = _ranked(search, [*found, *others, *(t for trial in near[1:] for t in _grown(search, trial, BESIDE))])
     return None
 
 
@@ -191,14 +193,17 @@ def _named(search: Search, root: Trial, best: Trial) -> Trial | None:
     return search.finish(min(known, key=lambda t: (len(t.names), t.chi2)))
 
 
-def _grown(search: Search, trial: Trial, limit: int, beside: Sequence[Trial] = ()) -> list[Trial]:
-    """All significant sets one effect larger and those ``beside``, each once, cheapest first."""
-    grown = {frozenset(t.names): t for t in beside}
-    for t in search.grow(trial, limit):
-        key = frozenset(t.names)
-        if _significant(search, t, trial) and (key not in grown or t.cost < grown[key].cost):
-            grown[key] = t
-    return sorted(grown.values(), key=lambda t: penalised(search, t))
+def _grown(search: Search, trial: Trial, limit: int) -> list[Trial]:
+    """All significant sets one effect larger, each once, cheapest first."""
+    return _ranked(search, [t for t in search.grow(trial, limit) if _significant(search, t, trial)])
+
+
+def _ranked(search: Search, trials: Iterable[Trial]) -> list[Trial]:
+    """Each set of effects once, cheapest first."""
+    found: dict[frozenset[str], Trial] = {}
+    for t in sorted(trials, key=lambda t: penalised(search, t)):
+        found.setdefault(frozenset(t.names), t)
+    return list(found.values())
 
 
 def _varied(ranked: Sequence[Trial]) -> list[Trial]:

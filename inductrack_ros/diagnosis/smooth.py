@@ -49,14 +49,14 @@ def smoothest(effect: str, columns: np.ndarray, residual: np.ndarray, local: boo
 
 def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float, plain: np.ndarray, bent: np.ndarray, bends: np.ndarray) -> Smooth:
     """With the prior ``plain`` + weight ``bent``, whose eigenvalues ``bends`` are, at one weight."""
+    prior = plain + weight * bent
     try:
-        factor = linalg.cho_factor(gram + plain + weight * bent)
+        factor = linalg.cho_factor(gram + prior)
     except (linalg.LinAlgError, ValueError):  # responses beyond all bounds: nothing can be had from them
         return Smooth(np.zeros(len(gram)), weight, -np.inf, np.inf)
     values = linalg.cho_solve(factor, score)
-    promise = float(values @ score - 2 * np.log(np.diag(factor[0])).sum() + np.log(plain[0, 0] + weight * np.maximum(bends, 0.0)).sum())
-    fall = float(2 * values @ score - values @ gram @ values)
-    return Smooth(values, weight, promise, fall - promise)
+    told = 2 * np.log(np.diag(factor[0])).sum() - np.log(plain[0, 0] + weight * np.maximum(bends, 0.0)).sum()
+    return Smooth(values, weight, float(values @ score - told), max(float(values @ prior @ values), 0.0) + max(float(told), 0.0))
 
 
 def smoothed(problem: Problem, fit: Fit, effect: str) -> tuple[Structure, float]:
