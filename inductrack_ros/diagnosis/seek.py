@@ -30,8 +30,8 @@ NEEDED = 100.0
 PREFER_KNOWN = 0.8
 #: Two of them also where, with one of the best so many, they promise this part of the whole misfit.
 TWO_EXPLAIN, FIRST_OF_TWO = 0.95, 8
-#: This part of the misfit, or of what another takes off it, is nearly all.
-NEARLY = 0.9
+#: This part of the misfit, or of what another takes off it, is nearly all; a set that takes off less than this is not yet near an answer.
+NEARLY, MUCH = 0.9, 0.5
 #: Candidates beside a force of any shape that are refitted, where that leaves at most so many times the noise: first order says well which.
 BESIDE, NEAR = 4, 3.0
 #: A set that leaves so many times what the best leaves of the misfit is not followed.
@@ -96,7 +96,8 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
             unknown_tried = True
             if found := _force_of_any_shape(search, root, first, tried):
                 return found
-        beam[0] = _exchanged(search, beam[0])
+        if _explains(beam[0], root, part=MUCH):
+            beam[0] = _exchanged(search, beam[0])
         tried.append(beam[0])
         if passing := _passing(search, beam[:1]):
             return passing
@@ -105,10 +106,10 @@ def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
     return _least(search, root, tried)
 
 
-def _explains(trial: Trial, root: Trial, best: float | None = None) -> bool:
-    """Whether a trial takes nearly all off the misfit, or nearly as much as one with a χ² of ``best`` does."""
+def _explains(trial: Trial, root: Trial, best: float | None = None, part: float = NEARLY) -> bool:
+    """Whether a trial takes nearly all (that ``part``) off the misfit, or of what one with a χ² of ``best`` does."""
     best = trial.fit.samples if best is None else best
-    return trial.chi2 < root.chi2 - NEARLY * (root.chi2 - best)
+    return trial.chi2 < root.chi2 - part * (root.chi2 - best)
 
 
 def _first_effects(search: Search, root: Trial, singles: Sequence[Trial]) -> list[Trial]:
