@@ -13,13 +13,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import scipy.linalg  # noqa: F401  its BLAS must be there to be limited
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from inductrack_ros.nodes.domain import claim_domain
 
 _domain = claim_domain()  # before any import of rclpy reads the environment; held until the tests end
 os.environ["ROS_LOG_DIR"] = tempfile.mkdtemp(prefix="inductrack_ros_log_")
 os.environ["PYTHONUNBUFFERED"] = "1"
+threadpool_limits(1, "blas")  # as the diagnosis itself does: where another worker has the second core its threads only spin
 # A shell that starts the tests in the background has them ignore Ctrl-C, and what they start would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -209,3 +209,13 @@ def test_what_comes_late_does_not_hide_a_known_effect(monkeypatch):
     found, gate = _force_of_any_shape(search, root(search), first, tried)
     assert gate.adequate and not tried and found.names == (*first[1].names, "stand_in_surge")
     assert VARIABLES[int(found.fit.model.effects["stand_in_surge"]["variable"])] == "surge"
+
+
+def test_a_known_effect_is_looked_for_beside_a_force_that_takes_off_nearly_all():
+    """However far from noise what it leaves is: a strong shaking hides a drive that is a fifth too weak, and that is still forty times the noise."""
+    hidden = {"heave_shake__force": 10.0, "heave_shake__frequency": 8.0, "finite_pulse_width__on": 1.0}
+    search = searched(measured([18], **hidden) + measured([16, 22], 7000.0, **hidden))
+    tried: list[Trial] = []
+    found, gate = _force_of_any_shape(search, root(search), [], tried)
+    assert gate.adequate and set(found.names) == {"stand_in_heave", "finite_pulse_width"}
+    assert [t.names for t in tried] == [("stand_in_heave",)] and tried[0].chi2 > 10 * tried[0].fit.samples

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
+from threadpoolctl import threadpool_limits
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
@@ -57,6 +58,7 @@ def peer(problem: Problem, structure: Structure, theta: np.ndarray, states: list
     return float(sum(np.nansum(r**2) for r in problem.residuals(structure, th, xs))), calls
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # a thread that spins takes processor time too
 def measure(quick: bool) -> dict:
     """Times, ratios and the χ² reached."""
     campaign, model = load_campaign(CAMPAIGN), Model.default()

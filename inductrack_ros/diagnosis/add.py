@@ -6,6 +6,8 @@ import math
 import time
 from collections.abc import Callable, Mapping
 
+from threadpoolctl import threadpool_limits
+
 from ..core.effects import split_name
 from ..core.errors import InputError
 from ..core.model import Model
@@ -21,6 +23,7 @@ from .result import Diagnosis, Rival
 from .search import Search
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # as `diagnose` is
 def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str], None] = lambda _: None) -> Diagnosis:
     """The diagnosis that ``name`` and nothing else is missing; its one rival says what the effect takes off χ².
 

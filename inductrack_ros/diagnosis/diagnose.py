@@ -36,6 +36,7 @@ SHARPER, ROUNDS = 0.95, 3
 LEFT_OUT = 4
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # the threads are ours: many small matrices at once
 def diagnose(
     campaign: Campaign, model: Model, tell: Callable[[str], None] = lambda _: None, workers: Threads | Cluster | None = None
 ) -> Diagnosis:
@@ -43,11 +44,6 @@ def diagnose(
 
     ``tell`` hears what is being tried; ``workers`` do the refits. Raises `InputError` for a campaign that cannot be fitted at all.
     """
-    with threadpool_limits(1, "blas"):  # the threads are ours: many small matrices at once
-        return _diagnose(campaign, model, tell, workers)
-
-
-def _diagnose(campaign: Campaign, model: Model, tell: Callable[[str], None], workers: Threads | Cluster | None) -> Diagnosis:
     began = time.monotonic()
     notes = support.inspect(campaign)
     tell("fitting what is known")

@@ -32,8 +32,8 @@ PREFER_KNOWN = 0.8
 TWO_EXPLAIN, FIRST_OF_TWO = 0.95, 8
 #: This part of the misfit, or of what another takes off it, is nearly all; a set that takes off less than this is not yet near an answer.
 NEARLY, MUCH = 0.9, 0.5
-#: Candidates beside a force of any shape that are refitted, where that leaves at most so many times the noise: first order says well which.
-BESIDE, NEAR = 4, 3.0
+#: Candidates beside a force of any shape that are refitted, where that takes off nearly all: first order says well which.
+BESIDE = 4
 #: A set that leaves so many times what the best leaves of the misfit is not followed.
 FAR = 10.0
 #: Quick refits this close to the best are refitted in full before they are judged.
@@ -131,7 +131,7 @@ def _force_of_any_shape(search: Search, root: Trial, first: Sequence[Trial], tri
         if passing := _passing(search, found):
             return passing
         tried.extend(found[:1])
-        near = [t for t in _varied(found) if t.chi2 < NEAR * t.fit.samples and _explains(t, root)]
+        near = [t for t in _varied(found) if _explains(t, root)]
         found = _grown(search, near[0], BESIDE) if near else []
         if passing := _passing(search, found):
             return passing
