@@ -212,7 +212,7 @@ def test_what_comes_late_does_not_hide_a_known_effect(monkeypatch):
 
 
 def test_a_known_effect_is_looked_for_beside_a_force_that_takes_off_nearly_all():
-    """However far from noise what it leaves is: a strong shaking hides a drive that is a fifth too weak, and that is still forty times the noise."""
+    """However far from noise what it leaves is: what a strong shaking hides, a drive that is too weak, is by itself far above it."""
     hidden = {"heave_shake__force": 10.0, "heave_shake__frequency": 8.0, "finite_pulse_width__on": 1.0}
     search = searched(measured([18], **hidden) + measured([16, 22], 7000.0, **hidden))
     tried: list[Trial] = []
