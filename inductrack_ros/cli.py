@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .core.errors import InputError
-from .progress import progress
+from .progress import progress, say_notes
 
 if TYPE_CHECKING:
     from .core.model import Model
@@ -119,6 +119,7 @@ def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
     from .data import load_campaign
 
     campaign = load_campaign(arguments.campaign)
+    say_notes(campaign.notes)
     return campaign, campaign.load_model(arguments.model, arguments.effects)
 
 
@@ -295,7 +296,7 @@ def _diagnose(arguments: argparse.Namespace) -> None:
         with progress() as tell, workers(arguments.scheduler) as hands:
             result = diagnose(campaign, model, tell, hands)
         result.write(folder)
-        (folder / "report.html").write_text(diagnosis_report(result), encoding="utf-8")
+        (folder / "report.html").write_text(diagnosis_report(result, notes=campaign.notes), encoding="utf-8")
     print(verdict(result))
     if result.next_experiment and not result.interrupted:
         print(f"Next experiment: {result.next_experiment}")
@@ -327,7 +328,7 @@ def _add(arguments: argparse.Namespace) -> None:
         with progress() as tell:
             result = add_effect(campaign, model, arguments.effect, tell)
         result.write(folder)
-        (folder / "report.html").write_text(diagnosis_report(result, addition(result)), encoding="utf-8")
+        (folder / "report.html").write_text(diagnosis_report(result, addition(result), campaign.notes), encoding="utf-8")
     print(addition(result))
     print(f"{Path(arguments.output) / 'report.html'}")
 

@@ -6,7 +6,13 @@ import contextlib
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+
+
+def say_notes(notes: Iterable[str]) -> None:
+    """Print what was converted or left out while the data were read, one line each, before any result."""
+    for note in notes:
+        print(note, file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

@@ -51,6 +51,15 @@ class Campaign:
         """Every channel that any run has, in canonical order."""
         return tuple(c for c in CHANNELS if any(c in run.channels for run in self.runs))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was converted, sorted or left out while the runs were read: one line each, with the names of its runs."""
+        runs_by_note: dict[str, list[str]] = {}
+        for run in self.runs:
+            for note in run.notes:
+                runs_by_note.setdefault(note, []).append(run.name)
+        return tuple(f"{_some(names)}: {note}" for note, names in runs_by_note.items())
+
     def load_model(self, file: str | Path | None = None, effect_files: Iterable[str | Path] = ()) -> Model:
         """The model the campaign is held against: that of ``file``, else the campaign's own, else the package's default.
 
@@ -63,6 +72,11 @@ class Campaign:
         else:
             model = Model.create(effect_files=effect_files)
         return model if self.dof in (None, model.dof) else model.with_changes(dof=self.dof)
+
+
+def _some(names: list[str]) -> str:
+    """The first three names, and how many more there are."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def load_campaign(folder: str | Path, gravity: float = frames.GRAVITY) -> Campaign:

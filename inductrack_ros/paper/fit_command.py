@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ..data import load_campaign
     from ..estimation.identify import Identification, verdict
     from ..estimation.misfits import DURATION, JointMisfit, SeriesMisfit, TravelMisfit, read_travels
-    from ..progress import progress
+    from ..progress import progress, say_notes
     from .fit_page import FitReport, render, results
     from .output import write_files
 
@@ -87,6 +87,7 @@ def run(arguments: argparse.Namespace) -> None:
     if campaign is not None and Path(arguments.output).resolve() == Path(campaign.folder).resolve():
         raise InputError(f"--output {arguments.output}: that is the campaign's own folder; choose another")
     write_files(arguments.output, {})
+    say_notes(campaign.notes if campaign else ())
 
     if campaign is not None:
         model = campaign.load_model(arguments.model, arguments.effects)
@@ -116,8 +117,9 @@ def run(arguments: argparse.Namespace) -> None:
             tell(f"profile likelihood of {name}")
             profiles.append(question.profile(fit, name))
     report = FitReport(
-        fit, profiles, verdict(fit, profiles), travels, campaign.name if campaign else "", travel, series
-    )
+        fit, profiles, verdict(fit, profiles), travels, campaign.name if campaign else "", travel, series,
+        campaign.notes if campaign else (),
+    )  # fmt: skip
     fitted = with_values(model, dict(zip(free, fit.values.tolist(), strict=True)))
     text = json.dumps(results(report), indent=1, ensure_ascii=False, allow_nan=False)
     write_files(arguments.output, {"report.html": render(report), "fit.json": text + "\n"})

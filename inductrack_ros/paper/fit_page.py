@@ -28,6 +28,7 @@ class FitReport:
     campaign: str
     travel: TravelMisfit | None
     series: SeriesMisfit | None
+    notes: tuple[str, ...] = ()
 
 
 def results(report: FitReport) -> dict[str, Any]:
@@ -80,6 +81,7 @@ def render(report: FitReport) -> str:
         verdict=first.rstrip(".").replace("^-", "^−") + ".",
         tone="warn" if flat or fit.chance < 1e-4 else "good",
         lead="".join(f"<p>{raised(s.rstrip('.'))}.</p>" for s in rest),
+        notes=report.notes,
     )
     page.picture(
         page.figure(

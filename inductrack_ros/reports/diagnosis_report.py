@@ -40,14 +40,15 @@ _DEPENDS = {
 SHOWN = 8
 
 
-def diagnosis_report(result: Diagnosis, sentence: str = "") -> str:
-    """The whole page, under another ``sentence`` than the verdict's where one is given."""
+def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str] = ()) -> str:
+    """The whole page, under another ``sentence`` than the verdict's where one is given; ``notes`` are the campaign's."""
     page = Page(
         title=result.campaign,
         kind="What the model misses",
         verdict=sentence or verdict(result),
         tone=TONES[result.verdict],
         lead=_lead(result),
+        notes=notes,
     )
     page.picture(_picture(page, result))
     if result.indistinguishable or result.next_experiment:

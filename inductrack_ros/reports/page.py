@@ -35,13 +35,17 @@ class Figure:
 
 @dataclass
 class Page:
-    """A report under construction: ``kind`` and ``title`` over the ``verdict``, one sentence, and ``lead``, HTML."""
+    """A report under construction: ``kind`` and ``title`` over the ``verdict``, one sentence, and ``lead``, HTML.
+
+    ``notes`` are what was converted or left out while the data were read, plain text, one line each.
+    """
 
     title: str
     kind: str
     verdict: str
     tone: str = "neutral"
     lead: str = ""
+    notes: Sequence[str] = ()
     foot: str = ""
     _figures: list[Figure] = field(default_factory=list)
     _parts: list[str] = field(default_factory=list)
@@ -99,7 +103,7 @@ class Page:
 <p class="kind">{escape(self.kind)} · {escape(self.title)}</p>
 <h1>{escape(self.verdict)}</h1>
 {self.lead}
-</div>
+{_notes(self.notes)}</div>
 <div class="picture">{self._picture}</div>
 </header>
 <nav aria-label="Sections">{links}</nav>
@@ -152,6 +156,15 @@ def table(
 def folded(summary: str, html: str) -> str:
     """HTML that opens on demand (and in print)."""
     return f"<details><summary>{escape(summary)}</summary>{html}</details>"
+
+
+def _notes(notes: Sequence[str]) -> str:
+    """Notes in the head of a page, folded away where there are more than three."""
+    if not notes:
+        return ""
+    lines = "<ul>" + "".join(f"<li>{text(note)}</li>" for note in notes) + "</ul>"
+    summary = f"The data as read: {len(notes)} remarks"
+    return f'<div class="notes">{folded(summary, lines) if len(notes) > 3 else f"<p>The data as read:</p>{lines}"}</div>\n'
 
 
 def _cell(column: int, align: str, cell: str) -> str:
