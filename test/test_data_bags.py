@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 from inductrack_ros import frames
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.state import COORDINATES, GAPS, RATES, STATES
-from inductrack_ros.data import Pulses, bags, read_bag, write_bag
+from inductrack_ros.data import Pulses, bag_messages, bags, read_bag, write_bag
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 EPOCH = 1_760_000_000_000_000_000
@@ -245,17 +245,18 @@ def spinning(n):
 
 
 def test_reading_in_blocks_is_the_same_as_at_once(tmp_path, monkeypatch):
-    whole, broken = spinning(20), {GOOD: poses(9) + poses(1)}
+    whole, broken = spinning(20), {GOOD: [*poses(9), pose(EPOCH - 10**9)]}
     bag, broken = record(tmp_path / "bag", whole), record(tmp_path / "broken", broken)
     at_once = read_bag(bag)
     assert at_once["roll"][~np.isnan(at_once["roll"])] == pytest.approx(0.4 * np.arange(20))
     assert np.isnan(at_once["gap_top"]).sum() == 13 + 4  # at the imu's stamps and where it saw nothing
     for size in (1, 2, 7):
         monkeypatch.setattr(bags, "BLOCK", size)
+        monkeypatch.setattr(bag_messages, "BLOCK", size)
         run = read_bag(bag)
         assert np.array_equal(run.stamps, at_once.stamps)
         assert np.array_equal(run.values, at_once.values, equal_nan=True)
-        with pytest.raises(InputError, match="message 10 is stamped earlier than message 9"):
+        with pytest.raises(InputError, match="message 10 is stamped 1.016 s earlier than one before it"):
             read_bag(broken)
 
 
@@ -280,15 +281,14 @@ def test_a_bag_of_more_files_than_a_process_may_open(tmp_path):
 GOOD = "/inductrack/pose"
 NAN = float("nan")
 BROKEN = {
-    "no pose": ({"/rig/pose": poses()}, r"no topic /inductrack/pose for pose; set topics: \{pose: ...\}.*/rig/pose"),
+    "no pose": ({"/rig/pose": poses()}, r"no topic /inductrack/pose for pose; set topics: \{pose: /rig/pose\}.*/rig/pose \(geometry"),
     "wrong type": ({GOOD: [twist(EPOCH), twist(EPOCH + 1)]}, "is geometry_msgs/msg/TwistStamped, but pose must be"),
     "no messages": ({GOOD: POSE}, "topic /inductrack/pose: no messages"),
     "one message": ({GOOD: poses(1)}, "only one sample"),
-    "backwards": ({GOOD: poses(3) + poses(1)}, "message 4 is stamped earlier than message 3"),
-    "repeated": ({GOOD: [pose(EPOCH), pose(EPOCH, (1, 0, 0, 0))]}, "message 2 repeats the stamp of message 1"),
+    "backwards": ({GOOD: [*poses(3), pose(EPOCH - 2 * 10**9)]}, "message 4 is stamped 2.004 s earlier than one before it; one publisher"),
+    "repeated": ({GOOD: [pose(EPOCH), pose(EPOCH, (1, 0, 0, 0))]}, "message 2 repeats the stamp of message 1 with other values"),
     "no stamps": ({GOOD: [pose(0), pose(0)]}, "header stamps are 0"),
-    "nan": ({GOOD: [pose(EPOCH), pose(EPOCH + 1, (NAN, 0, 0, 0))]}, "NaN or infinity"),
-    "no orientation": ({GOOD: [pose(EPOCH), pose(EPOCH + 1, orientation=[0, 0, 0, 0])]}, "no unit quaternion"),
+    "nan": ({GOOD: [pose(EPOCH + i, (NAN, 0, 0, 0)) for i in range(2)]}, "no measurement"),
     "no unit": ({GOOD: [pose(EPOCH), pose(EPOCH + 1, orientation=[0, 0, 0, 1e300])]}, "no unit quaternion"),
     "two clocks": ({GOOD: poses(), "/inductrack/twist": [twist(10**9)]}, "twist is stamped at other times.*one clock"),
     "nothing in range": ({GOOD: poses(), "/inductrack/gap_left": [gap(EPOCH, np.inf)]}, "gap_left.*no measurement"),
@@ -318,7 +318,7 @@ def test_what_is_no_bag(tmp_path):
         read_bag("a\0b")
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).touch()
-    with pytest.raises(InputError, match="reindex"):
+    with pytest.raises(InputError, match="several bags; name one"):
         read_bag(tmp_path)
     with pytest.raises(InputError, match="unknown key 'posee'; did you mean 'pose'"):
         read_bag(tmp_path, {"posee": "/x"})
@@ -338,7 +338,9 @@ def test_a_bag_that_was_cut_off(whole, tmp_path, part):
     cut.mkdir()
     (cut / "metadata.yaml").write_bytes((bag / "metadata.yaml").read_bytes())
     (cut / storage.name).write_bytes(data[: int(part * len(data))])
-    with pytest.raises(InputError, match="cut off"):
-        read_bag(cut)
-    with pytest.raises(InputError):
-        read_bag(cut / storage.name)
+    if storage.suffix == ".mcap" and part >= 0.3:
+        assert "cut off" in read_bag(cut).notes[0] and "cut off" in read_bag(cut / storage.name).notes[0]
+        return
+    for path in (cut, cut / storage.name):
+        with pytest.raises(InputError, match="cut off"):
+            read_bag(path)

@@ -1,7 +1,8 @@
 """Measurements in and out: campaigns, CSV files, rosbag2. No ROS installation needed."""
 
 from ..core.model import Pulses
-from .bags import read_bag, write_bag
+from .bag_writing import write_bag
+from .bags import read_bag
 from .campaign import Campaign, load_campaign
 from .csv_files import read_csv, write_csv, write_prediction
 from .measurement import Run

@@ -16,7 +16,9 @@ from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
 from ..core.state import CHANNELS, MOVING, STATES
 from ..core.yaml_files import Lines, read_yaml
-from .bags import TYPES, read_bag
+from .bag_files import is_bag, unpacked_name
+from .bag_messages import TYPES
+from .bags import read_bag
 from .csv_files import read_csv
 from .measurement import Run
 
@@ -253,8 +255,7 @@ def _run(section: _Section, file: Path, name: str, topics: Mapping[str, str | No
     known = section.section("initial_state", STATES)
     initial_state = {state: known.number(state) for state in known} if known else {}
     current = section.number("drive_current") if section.get("drive_current") is not None else None
-    is_bag = file.is_dir() or file.suffix in (".mcap", ".db3")
-    run = read_bag(file, topics, name, gravity) if is_bag else read_csv(file, name)
+    run = read_bag(file, topics, name, gravity) if is_bag(file) else read_csv(file, name)
     if current is None and run.pulses is None:
         raise section.error("file", f"drive_current of {file.name} is missing; give it in A, 0 for coasting")
     return replace(run, drive_current=current or 0.0, initial_state=initial_state)
@@ -266,7 +267,7 @@ def _line(entry: Any, default: int) -> int:
 
 def _names(folder: Path, files: list[Path]) -> list[str]:
     """Run names, each once, for results are stored under them: the file's without suffix; its path where alike."""
-    names = [file.name if file.is_dir() else file.stem for file in files]
+    names = [file.name if file.is_dir() else Path(unpacked_name(file)).stem for file in files]
     taken = Counter(names)
     return [
         "_".join(part for part in Path(os.path.relpath(file, folder)).parts if part != "..")

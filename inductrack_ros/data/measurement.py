@@ -28,6 +28,7 @@ class Run:
     initial_state: what is known of the state at time 0, by name; the rest is to be estimated
     pulses: the drive, where the bag holds the pulses that were fired, in the order of time on the run's clock (earlier
         than the first sample is negative); None: `drive_current` and the averaged law
+    seconds_stated: whether the file itself says that its time is in seconds: a bag, or a unit in a CSV's header
     notes: what was converted, sorted or left out while reading, one line each, without the file's name
     """
 
@@ -40,6 +41,7 @@ class Run:
     drive_current: float = 0.0
     initial_state: Mapping[str, float] = field(default_factory=dict)
     pulses: Pulses | None = None
+    seconds_stated: bool = False
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, channel: str) -> Array:

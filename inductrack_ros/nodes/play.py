@@ -6,16 +6,15 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import QosReliability
 
 from ..core.errors import InputError
-from ..data.open_files import allow_files_of
+from ..data.bag_files import open_bag
 from .record import message_class
 from .runtime import DEPTH, every, run
 
@@ -30,20 +29,17 @@ class Player(Node):
         super().__init__("play")
         self._options = options
         self.finished = False
-        if not Path(options.bag).exists():
-            raise InputError(f"{options.bag}: no such bag")
-        allow_files_of(options.bag)
+        self._open = ExitStack()
+        self._bag = self._open.enter_context(open_bag(Path(options.bag)))
         try:
-            self._reader = AnyReader([Path(options.bag)])
-            self._reader.open()
             self._publishers_by_topic = self._advertise()
             self._messages = self._recorded()
             self._next = next(self._messages, None)
         except InputError:
+            self._open.close()
             raise
-        except Exception as error:  # a damaged file can fail anywhere in the reader, with any exception of its own
-            reason = " ".join(str(error).split())[:200]
-            raise InputError(f"{options.bag}: cannot be read as a rosbag2 ({reason})") from None
+        for note in self._bag.notes:
+            self.get_logger().warning(note)
         if self._next is None:
             raise InputError(f"{options.bag}: no messages on the topics asked for")
         self._zero, self._begin = self._next[0], None
@@ -53,29 +49,25 @@ class Player(Node):
 
     def _advertise(self) -> dict[str, object]:
         publishers = {}
-        held = sorted({c.topic for c in self._reader.connections})
+        held = sorted(self._bag.topics)
         for topic in self._options.topics or ():
             if topic not in held:
                 raise InputError(f"{self._options.bag}: no topic {topic}; it has {', '.join(held) or 'none'}")
-        for connection in self._reader.connections:
-            topic = connection.topic
-            if topic in publishers or (self._options.topics and topic not in self._options.topics):
+        for topic, recorded in self._bag.topics.items():
+            if self._options.topics and topic not in self._options.topics:
                 continue
-            offered = [q.reliability for q in connection.ext.offered_qos_profiles]
-            lossy = bool(offered) and all(q == QosReliability.BEST_EFFORT for q in offered)
-            reliability = ReliabilityPolicy.BEST_EFFORT if lossy else ReliabilityPolicy.RELIABLE
+            reliability = ReliabilityPolicy.BEST_EFFORT if recorded.lossy else ReliabilityPolicy.RELIABLE
             try:
-                kind = message_class(connection.msgtype)
+                kind = message_class(recorded.msgtype)
             except (ImportError, AttributeError, ValueError):
-                self.get_logger().warning(f"{topic} is not played: {connection.msgtype} is not installed")
+                self.get_logger().warning(f"{topic} is not played: {recorded.msgtype} is not installed")
                 continue
             publishers[topic] = self.create_publisher(kind, topic, QoSProfile(depth=DEPTH, reliability=reliability))
         return publishers
 
     def _recorded(self) -> Iterator[tuple[int, str, bytes]]:
-        """Time (ns), topic and bytes of each message, in order."""
-        wanted = [c for c in self._reader.connections if c.topic in self._publishers_by_topic]
-        return ((stamp, c.topic, data) for c, stamp, data in (self._reader.messages(wanted) if wanted else ()))
+        """Log time (ns), topic and bytes of each message, in order."""
+        return ((time, topic, data) for topic, time, data in self._bag.messages(self._publishers_by_topic))
 
     def _look(self) -> None:
         if self._begin is None:
@@ -103,7 +95,7 @@ class Player(Node):
             self.get_logger().info("too few listen to any of its topics yet; waiting (--at-once does not wait)")
 
     def close(self) -> None:
-        self._reader.close()
+        self._open.close()
         print(f"{self.sent} messages played")
 
 

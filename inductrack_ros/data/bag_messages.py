@@ -1,0 +1,223 @@
+"""The messages of a bag's topics as columns of numbers, in the order of their stamps."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+
+from .. import frames
+from ..core.errors import InputError
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
+from .bag_files import Bag
+from .measurement import Array
+from .order import Place, in_order
+
+TYPES = {
+    "pose": "geometry_msgs/msg/PoseStamped",
+    "twist": "geometry_msgs/msg/TwistStamped",
+    "imu": "sensor_msgs/msg/Imu",
+    **dict.fromkeys(GAPS, "sensor_msgs/msg/Range"),
+    "pulses": "geometry_msgs/msg/PointStamped",
+}
+#: Columns that a topic gives; those of pulses are coil and current.
+COLUMNS = {
+    "pose": COORDINATES,
+    "twist": RATES,
+    "imu": ACCELERATIONS[:3],
+    **{gap: (gap,) for gap in GAPS},
+    "pulses": ("coil", "current"),
+}
+#: Messages that are turned into channels at a time.
+BLOCK = 4096
+#: The largest component of a unit quaternion is between 0.5 and 1.
+UNIT = (0.45, 1.1)
+
+
+@dataclass
+class Stream:
+    """What one topic gave: stamps (n,) in ns, names of its columns, and these, (n,) each, NaN where not measured."""
+
+    topic: str
+    stamps: NDArray[np.int64]
+    names: tuple[str, ...]
+    columns: list[Array]
+
+
+def read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict[str, Stream]:
+    """Read topics (by key of `TYPES`) in one pass over the bag. What is left out is added to ``notes``.
+
+    Raises InputError, naming bag and topic, where they are no measurements.
+    """
+    readings = [_Reading(f"{bag.path}: topic {topic}", key, topic) for key, topic in wanted.items()]
+    by_topic = {topic: [r for r in readings if r.topic == topic] for topic in wanted.values()}
+    for topic, _, raw in bag.messages(by_topic.keys()):
+        mine = by_topic[topic]
+        message = _decoded(mine[0], raw)
+        stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        numbers = _EXTRACT[mine[0].msgtype](message)
+        for reading in mine:
+            reading.add(stamp, numbers)
+    return {r.key: r.stream(notes) for r in readings if r.count or r.key == "pose"}
+
+
+#: The numbers of a message that are looked at.
+_EXTRACT: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    TYPES["pose"]: lambda m: (
+        *_xyz(m.pose.position),
+        m.pose.orientation.x,
+        m.pose.orientation.y,
+        m.pose.orientation.z,
+        m.pose.orientation.w,
+    ),
+    TYPES["twist"]: lambda m: (*_xyz(m.twist.linear), *_xyz(m.twist.angular)),
+    TYPES["imu"]: lambda m: (*_xyz(m.linear_acceleration), float(m.linear_acceleration_covariance[0] == -1)),
+    TYPES["gap_top"]: lambda m: (m.range, m.min_range, m.max_range),
+    TYPES["pulses"]: lambda m: _xyz(m.point),
+}
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+@lru_cache(maxsize=2)
+def _typestore(distribution: Stores) -> Any:
+    return get_typestore(distribution)
+
+
+def _decoded(reading: _Reading, raw: bytes) -> Any:
+    """A message. A Range has one number fewer before Jazzy; the other types are alike in all distributions."""
+    try:
+        return _typestore(reading.distribution).deserialize_cdr(raw, reading.msgtype)
+    except Exception as error:
+        if reading.distribution is Stores.ROS2_JAZZY and not reading.count:
+            reading.distribution = Stores.ROS2_HUMBLE
+            return _decoded(reading, raw)
+        said = " ".join(str(error).split())[:160]
+        raise InputError(f"{reading.where}: message {reading.count + 1} is damaged ({said}); record it again") from None
+
+
+class _Reading:
+    """One topic's messages on their way into columns, converted a block at a time. Nothing else of them is kept."""
+
+    def __init__(self, where: str, key: str, topic: str) -> None:
+        self.where, self.key, self.topic = where, key, topic
+        self.msgtype, self.distribution = TYPES[key], Stores.ROS2_JAZZY
+        self.count = 0  # messages so far
+        self._stamps, self._columns = array("q"), [array("d") for _ in COLUMNS[key]]
+        self._pending = array("d")  # numbers that are not in the columns yet
+        self._lost = 0  # messages whose numbers are NaN or infinite
+        self._blank = array("b")  # of poses: 1 where the orientation is 0
+
+    def add(self, stamp: int, numbers: tuple[float, ...]) -> None:
+        """Take a message's stamp (ns) and the numbers that `_EXTRACT` gives."""
+        self.count += 1
+        self._stamps.append(stamp)
+        self._pending.extend(numbers)
+        if len(self._pending) >= BLOCK * len(numbers):
+            self._settle()
+
+    def stream(self, notes: list[str]) -> Stream:
+        """The measurements in the order of their stamps."""
+        self._settle()
+        stamps, columns = np.array(self._stamps, np.int64), [np.array(c) for c in self._columns]
+        if self.key == "pulses":  # two may share a stamp, and a command may be sent before an earlier one
+            return Stream(self.topic, stamps, COLUMNS[self.key], columns)
+        if len(stamps) > 1 and not stamps.any():
+            raise InputError(f"{self.where}: header stamps are 0; fill header.stamp before publishing")
+        self._judge_orientations(columns, notes)
+        if self._lost:
+            notes.append(f"{self._lost} of {self.count} messages on {self.topic} are NaN or infinite: not measured")
+        place = Place(self.where, lambda i: f"message {i + 1}", "message", "one publisher, one run to a bag", f" on {self.topic}")
+        index, said = in_order(stamps, columns, place)
+        notes += said
+        if index is not None:
+            stamps, columns = stamps[index], [c[index] for c in columns]
+        return self._measured(stamps, columns, notes)
+
+    def _measured(self, stamps: NDArray[np.int64], columns: list[Array], notes: list[str]) -> Stream:
+        """The stream without the messages and the columns that hold nothing."""
+        there = np.zeros(len(stamps), bool)
+        for column in columns:
+            there |= ~np.isnan(column)
+        if not there.any():
+            raise InputError(
+                f"{self.where}: every message says that it is no measurement (NaN, out of the sensor's range, or a "
+                f"covariance of -1); leave the topic out with topics: {{{self.key}: null}}"
+            )
+        if not there.all():
+            stamps, columns = stamps[there], [c[there] for c in columns]
+        held = {n: c for n, c in zip(COLUMNS[self.key], columns, strict=True) if not np.isnan(c).all()}
+        if len(held) < len(columns):
+            notes.append(f"{', '.join(n for n in COLUMNS[self.key] if n not in held)} on {self.topic} is never measured and left out")
+        if "roll" in held:  # an angle recorded as a quaternion comes back within ±π; the model's does not jump
+            known = ~np.isnan(held["roll"])
+            held["roll"][known] = np.unwrap(held["roll"][known])
+        return Stream(self.topic, stamps, tuple(held), list(held.values()))
+
+    def _settle(self) -> None:
+        """Convert what is pending and put it into the columns."""
+        if not self._pending:
+            return
+        numbers = np.array(self._pending).reshape(-1, _EXTRACTED[self.key])
+        del self._pending[:]
+        for column, values in zip(self._columns, self._converted(numbers).T, strict=False):
+            column.frombytes(np.ascontiguousarray(values).tobytes())
+
+    def _converted(self, numbers: Array) -> Array:
+        """Columns (m, c) of raw numbers (m, r); NaN where a message is no measurement."""
+        if self.key in GAPS:
+            return np.where(_within_range(numbers), numbers[:, 0], np.nan)[:, None]
+        broken = ~np.isfinite(numbers)
+        if self.key == "pulses":
+            if broken.any():
+                raise InputError(f"{self.where}: NaN or infinity in a pulse; record it again or {{pulses: null}}")
+            return numbers
+        numbers = np.where(broken, np.nan, numbers)
+        self._lost += int(broken.any(axis=1).sum())
+        if self.key == "imu":
+            return np.where((numbers[:, 3:] == 0) & ~broken.any(axis=1, keepdims=True), numbers[:, :3], np.nan)
+        if self.key == "twist":
+            return frames.twist_to_rates(numbers[:, :3], numbers[:, 3:])
+        numbers[broken.any(axis=1)] = np.nan
+        largest = np.abs(numbers[:, 3:]).max(axis=1)
+        self._blank.frombytes((largest == 0).astype(np.int8).tobytes())
+        if ((largest != 0) & ((largest < UNIT[0]) | (largest > UNIT[1]))).any():
+            raise InputError(f"{self.where}: an orientation that is no unit quaternion; publish w = 1 for none")
+        upright = np.where((largest == 0)[:, None], [0.0, 0.0, 0.0, 1.0], numbers[:, 3:])
+        return frames.pose_to_coordinates(numbers[:, :3], upright)
+
+    def _judge_orientations(self, columns: list[Array], notes: list[str]) -> None:
+        """An orientation of 0 in all poses: a tracker of places only. In some: it had lost what it tracks, and its place too."""
+        if self.key != "pose" or not any(self._blank):
+            return
+        blank = np.array(self._blank, bool)
+        known = ~np.isnan(columns[0])
+        if blank[known].all():
+            columns[3][:] = np.nan
+            return
+        for column in columns:
+            column[blank] = np.nan
+        notes.append(f"{int(blank.sum())} of {self.count} poses on {self.topic} have an orientation of 0: not measured")
+
+
+#: Numbers that `_EXTRACT` gives for each key.
+_EXTRACTED = {"pose": 7, "twist": 6, "imu": 4, **dict.fromkeys(GAPS, 3), "pulses": 3}
+
+
+def _within_range(numbers: Array) -> NDArray[np.bool_]:
+    """(n,) from (range, min_range, max_range) (n, 3): False where a Range says itself that it is no measurement.
+
+    REP-117: not finite is nothing seen. In contact a gap is slightly negative, so a lower limit of 0 is no limit.
+    Both limits at 0: no range was declared.
+    """
+    value, low, high = numbers.T
+    declared = high > low
+    return np.isfinite(value) & ~(declared & (value > high)) & ~(declared & (low > 0) & (value < low))

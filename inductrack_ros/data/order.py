@@ -1,0 +1,71 @@
+"""Samples in the order of their stamps: what loggers and middleware do to that order, and what no order can mend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError
+from .measurement import Array
+
+#: Samples filed this much (s) out of order are sorted; a clock that goes back further was set back, or there are two runs.
+OUT_OF_ORDER = 0.5
+#: Stamps of 0 this long (s) before all others were given before the clock ran.
+BEFORE_THE_CLOCK = 10.0
+
+
+@dataclass(frozen=True)
+class Place:
+    """How samples are named: ``where`` is the file and topic, ``name(i)`` one of them, say "row 7", ``kind`` what they are, say "row"."""
+
+    where: str
+    name: Callable[[int], str]
+    kind: str
+    remedy: str
+    about: str = ""
+
+    def counted(self, count: int) -> str:
+        return f"{count} {self.kind}{'' if count == 1 else 's'}{self.about}"
+
+
+def in_order(stamps: Array | NDArray[np.int64], columns: Sequence[Array], place: Place) -> tuple[NDArray[np.intp] | None, list[str]]:
+    """Indices that put samples in the order of their stamps, each once, or None where they stand so; and what is to be said of it.
+
+    stamps: (n,) s, or whole ns; columns: (n,) each. Left out are stamps of 0 before the clock ran, and exact repeats.
+    Raises InputError for a clock that goes back and for two different samples at one time.
+    """
+    second = 1_000_000_000 if stamps.dtype.kind == "i" else 1.0
+    if len(stamps) < 2 or (np.diff(stamps) > 0).all() and (stamps[0] != 0 or stamps[1] <= BEFORE_THE_CLOCK * second):
+        return None, []
+    notes: list[str] = []
+    index = np.arange(len(stamps))
+    zero = stamps == 0
+    if zero.any() and not zero.all() and stamps[~zero].min() > BEFORE_THE_CLOCK * second:
+        index = index[~zero]
+        notes.append(f"{place.counted(int(zero.sum()))} stamped 0 left out: the clock did not run yet")
+    late = np.maximum.accumulate(stamps[index]) - stamps[index]
+    if late.max() > OUT_OF_ORDER * second:
+        i = int(np.argmax(late > OUT_OF_ORDER * second))
+        back, name = late[i] / second, place.name(int(index[i]))
+        raise InputError(f"{place.where}: {name} is stamped {back:.6g} s earlier than one before it; {place.remedy}")
+    if late.any():
+        index = index[np.argsort(stamps[index], kind="stable")]
+        notes.append(f"{place.counted(int((late > 0).sum()))} filed out of order sorted by their stamps")
+    same = np.flatnonzero(np.diff(stamps[index]) == 0)
+    if len(same):
+        earlier, later = index[same], index[same + 1]
+        equal = np.ones(len(same), bool)
+        for column in columns:
+            a, b = column[earlier], column[later]
+            equal &= (a == b) | (np.isnan(a) & np.isnan(b))
+        if not equal.all():
+            i = int(np.argmin(equal))
+            raise InputError(
+                f"{place.where}: {place.name(int(later[i]))} repeats the stamp of {place.name(int(earlier[i]))} with other values; {place.remedy}"
+            )
+        index = np.delete(index, same + 1)
+        notes.append(f"{place.counted(len(same))} that repeat{'s' if len(same) == 1 else ''} another exactly left out")
+    return index, notes

@@ -1,0 +1,236 @@
+"""Bags as recorders, crashes and converters leave them: read, with a word about what is not as it should be."""
+
+import shutil
+import sqlite3
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.typesys import Stores, get_typestore
+from test_data_bags import EPOCH, GOOD, NAN, POSE, RANGE, STORE, gap, imu, make, pose, poses, record, twist
+
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.core.state import COORDINATES
+from inductrack_ros.data import read_bag
+from inductrack_ros.data.mcap_salvage import zstd
+
+HUMBLE = get_typestore(Stores.ROS2_HUMBLE)
+
+
+def sqlite_bag(folder, topics, wal_from=None):
+    """The database of Foxy and Humble: no message definitions. Messages from ``wal_from`` on stay in the -wal of a writer that was killed."""
+    folder.mkdir()
+    file = folder / "run_0.db3"
+    database = sqlite3.connect(file, isolation_level=None)
+    if wal_from is not None:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("PRAGMA wal_autocheckpoint=0")
+    database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT, offered_qos_profiles TEXT)")
+    database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+    for number, (topic, messages) in enumerate(topics.items(), 1):
+        database.execute("INSERT INTO topics VALUES(?, ?, ?, 'cdr', '')", (number, topic, messages[0][0]))
+        for i, (_, raw) in enumerate(messages):
+            if i == wal_from:
+                database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)", (number, EPOCH + i, raw))
+    if wal_from is not None:  # as kill -9 leaves it
+        for suffix in ("", "-wal"):
+            shutil.copy(f"{file}{suffix}", f"{file}{suffix}.kept")
+        database.close()
+        for suffix in ("", "-wal"):
+            shutil.move(f"{file}{suffix}.kept", f"{file}{suffix}")
+    database.close()
+    return folder
+
+
+def raw(messages):
+    return [(kind, bytes(STORE.serialize_cdr(message, kind))) for kind, message in messages]
+
+
+def humble_gap(stamp, value):
+    head = make("std_msgs/msg/Header", make("builtin_interfaces/msg/Time", *divmod(stamp, 10**9)), "track")
+    message = HUMBLE.types[RANGE](head, 1, 0.0, 0.0, 0.0, value)
+    return RANGE, bytes(HUMBLE.serialize_cdr(message, RANGE))
+
+
+# ---------------------------------------------------------------- files
+
+
+def test_a_database_of_an_older_distribution(tmp_path):
+    """Its Range is one number shorter than Jazzy's."""
+    gaps = [humble_gap(EPOCH + i * 2_000_000, 0.005) for i in range(3)]
+    run = read_bag(sqlite_bag(tmp_path / "run", {GOOD: raw(poses()), "/inductrack/gap_top": gaps}))
+    assert run.channels == (*COORDINATES, "gap_top") and run["gap_top"] == pytest.approx(3 * [0.005])
+    assert run.notes == ()
+
+
+@pytest.mark.parametrize("name", ["run #3", "50%20V", "what?"])
+@pytest.mark.parametrize("plugin", StoragePlugin)
+def test_a_folder_may_have_any_name(tmp_path, name, plugin):
+    bag = record(tmp_path / "bag", {GOOD: poses()}, plugin)
+    assert len(read_bag(bag.rename(tmp_path / name)).times) == 3
+
+
+def test_rows_that_a_killed_recorder_left_beside_the_database(tmp_path):
+    folder = sqlite_bag(tmp_path / "run", {GOOD: raw(poses(40))}, wal_from=15)
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    run = read_bag(folder)
+    assert len(run.times) == 40
+    assert run.notes == ("run_0.db3-wal is read too: the recorder ended before it was taken into run_0.db3",)
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+
+
+METADATA = {
+    "no QoS": lambda text: "\n".join(line for line in text.splitlines() if "offered_qos" not in line),
+    "no storage": lambda text: text.replace("storage_identifier: mcap", 'storage_identifier: ""'),
+    "other storage": lambda text: text.replace("storage_identifier: mcap", "storage_identifier: my_plugin"),
+    "future version": lambda text: text.replace("version: 9", "version: 12"),
+    "absolute path": lambda text: text.replace("- bag.mcap", "- /home/rig/bag.mcap"),
+}
+
+
+@pytest.mark.parametrize("odd", METADATA)
+def test_the_storage_files_tell_what_is_in_them(tmp_path, odd):
+    bag = record(tmp_path / "bag", {GOOD: poses()})
+    text = (bag / "metadata.yaml").read_text()
+    assert METADATA[odd](text) != text
+    (bag / "metadata.yaml").write_text(METADATA[odd](text))
+    run = read_bag(bag)
+    assert len(run.times) == 3 and run.notes == ()
+
+
+def test_metadata_that_are_none_are_said(tmp_path):
+    bag = record(tmp_path / "bag", {GOOD: poses()})
+    (bag / "metadata.yaml").write_text("[")
+    assert read_bag(bag).notes == ("metadata.yaml cannot be read and is not used",)
+
+
+def test_files_that_metadata_name_or_do_not(tmp_path):
+    bag = record(tmp_path / "bag", {GOOD: poses()})
+    shutil.copy(bag / "bag.mcap", bag / "bag_1.mcap")
+    assert read_bag(bag).notes == ("bag_1.mcap is left out: metadata.yaml does not name it",)
+    (bag / "bag.mcap").unlink()
+    with pytest.raises(InputError, match="bag.mcap is missing, which metadata.yaml names"):
+        read_bag(bag)
+
+
+@pytest.mark.parametrize("suffix", [".zstd", ".zst"])
+def test_compressed_files(tmp_path, suffix):
+    bag = record(tmp_path / "bag", {GOOD: poses()})
+    packed = tmp_path / "run" / f"bag_0.mcap{suffix}"
+    packed.parent.mkdir()
+    packed.write_bytes(zstd.compress((bag / "bag.mcap").read_bytes()))
+    run = read_bag(packed)
+    assert run.name == "bag_0" and len(run.times) == 3
+    assert len(read_bag(packed.parent).times) == 3
+    packed.write_bytes(packed.read_bytes()[:-40])
+    with pytest.raises(InputError, match="zstd compression is damaged or cut off.*copy the file again"):
+        read_bag(packed)
+
+
+def test_an_mcap_without_its_end_is_read_as_far_as_it_is_whole(tmp_path):
+    bag = record(tmp_path / "bag", {GOOD: poses(200)})
+    whole = (bag / "bag.mcap").read_bytes()
+    everything = read_bag(bag)
+    (bag / "bag.mcap").write_bytes(whole[: len(whole) // 2])
+    run = read_bag(bag)
+    n = len(run.times)
+    assert 50 < n < 200 and np.array_equal(run.values, everything.values[:n])
+    assert run.notes == (f"bag.mcap is cut off: {n} of 200 messages are whole and read; `mcap recover bag.mcap` mends the file",)
+
+
+def test_the_names_of_other_tools(tmp_path):
+    (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    with pytest.raises(InputError, match="a ROS 1 bag; convert it: `rosbags-convert --src .*old.bag --dst .*old`"):
+        read_bag(tmp_path / "old.bag")
+    with pytest.raises(InputError, match="a ROS 1 bag"):
+        read_bag(tmp_path)
+
+
+# ---------------------------------------------------------------- messages
+
+
+def test_messages_filed_in_another_order(tmp_path):
+    messages = poses(6)
+    shuffled = [messages[i] for i in (0, 2, 1, 3, 5, 4)]
+    run = read_bag(record(tmp_path / "bag", {GOOD: shuffled}))
+    assert run["surge"] == pytest.approx(0.1 * np.arange(6))
+    assert run.notes == ("2 messages on /inductrack/pose filed out of order sorted by their stamps",)
+
+
+def test_exact_repeats_are_dropped(tmp_path):
+    messages = poses(4)
+    run = read_bag(record(tmp_path / "bag", {GOOD: [*messages, messages[1]]}))
+    assert len(run.times) == 4 and "1 message on /inductrack/pose that repeats another exactly left out" in run.notes
+
+
+def test_stamps_before_the_clock_ran(tmp_path):
+    run = read_bag(record(tmp_path / "bag", {GOOD: [pose(0), *poses(4)]}))
+    assert len(run.times) == 4
+    assert run.notes == ("1 message on /inductrack/pose stamped 0 left out: the clock did not run yet",)
+    from_zero = [pose(i * 2_000_000, (0.1 * i, 0, 0, 0)) for i in range(3)]  # simulated time begins at 0
+    assert len(read_bag(record(tmp_path / "sim", {GOOD: from_zero})).times) == 3
+
+
+def test_poses_without_numbers_are_not_measured(tmp_path):
+    lost = [pose(EPOCH + 2_000_000, (NAN, NAN, NAN, NAN)), pose(EPOCH + 4_000_000, (0, 0, 0, 0), orientation=[0, 0, 0, 0])]
+    run = read_bag(record(tmp_path / "bag", {GOOD: [pose(EPOCH), *lost, pose(EPOCH + 6_000_000)]}))
+    assert run.times == pytest.approx([0, 0.006])
+    assert sorted(run.notes) == [
+        "1 of 4 messages on /inductrack/pose are NaN or infinite: not measured",
+        "1 of 4 poses on /inductrack/pose have an orientation of 0: not measured",
+    ]
+
+
+def test_a_tracker_of_places_only(tmp_path):
+    places = [pose(EPOCH + i * 2_000_000, (0.1 * i, 0, 0, 0), orientation=[0, 0, 0, 0]) for i in range(3)]
+    force = [imu(EPOCH + 2_000_000, (0.0, 0.0, 9.81))]
+    run = read_bag(record(tmp_path / "bag", {GOOD: places, "/inductrack/imu": force}))
+    assert run.channels == ("surge", "sway", "heave")
+    assert run.notes == (
+        "roll on /inductrack/pose is never measured and left out",
+        "/inductrack/imu is left out: without the roll its axes are not known",
+    )
+
+
+# ---------------------------------------------------------------- topics
+
+
+def test_the_sensors_beside_a_named_pose(tmp_path):
+    topics = {
+        "/rig1/measured/pose": poses(),
+        "/rig1/measured/twist": [twist(EPOCH, (15, 0, 0, 0))],
+        "/rig1/measured/gap_top": [gap(EPOCH, 0.005)],
+        "/rig1/pose": poses(),
+        "/mocap/cart": poses(),
+        "/tf_like": [pose(EPOCH)],
+    }
+    bag = record(tmp_path / "bag", topics)
+    run = read_bag(bag, {"pose": "/rig1/measured/pose"})
+    assert {"surge_rate", "gap_top"} < set(run.channels)
+    assert run.notes == ("topics left out: /mocap/cart, /tf_like; topics: in campaign.yaml says which are read",)
+    assert "surge_rate" not in read_bag(bag, {"pose": "/rig1/measured/pose", "twist": None}).channels
+    alone = read_bag(bag, {"pose": "/mocap/cart"})
+    assert alone.channels == COORDINATES and "/rig1/measured/twist" in alone.notes[0]
+
+
+def test_the_only_pose_is_named(tmp_path):
+    bag = record(tmp_path / "bag", {"/rig1/measured/pose": poses(), "/rig1/pose": poses()})
+    with pytest.raises(InputError, match=r"set topics: \{pose: /rig1/measured/pose\} in campaign.yaml"):
+        read_bag(bag)
+
+
+def test_a_topic_without_messages_is_there(tmp_path):
+    bag = record(tmp_path / "bag", {"/inductrack/measured/pose": POSE})
+    with pytest.raises(InputError, match="/inductrack/measured/pose: no messages"):
+        read_bag(bag)
+
+
+# ---------------------------------------------------------------- play
+
+
+def test_play_plays_what_compare_reads(ros, tmp_path):
+    folder = sqlite_bag(tmp_path / "run #1", {GOOD: raw(poses(20))}, wal_from=5)
+    player = ros.start("play", "--at-once", "-d", "0", str(folder))
+    assert player.wait() == 0
+    assert "20 messages played" in player.output and "run_0.db3-wal is read too" in player.output
