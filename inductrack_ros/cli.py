@@ -177,7 +177,7 @@ def _simulate_arguments(parser: argparse.ArgumentParser) -> None:
         "--output", metavar="RUN.csv|BAG", required=True, help="a .csv file, or else a rosbag2 folder to be made"
     )
     parser.epilog = (
-        "example:\n  inductrack simulate --initial surge_rate=15.5,sway=0.004 --duration 3 --output run.csv\n\n"
+        "example:\n  inductrack simulate --initial surge_rate=16.1,sway=0.004 --duration 2 --output run.csv\n\n"
         "writes time, surge, sway, heave, roll and their rates; a bag has the topics that the sim node publishes.\n"
         "An existing CSV is replaced, an existing bag is not."
     )
@@ -201,6 +201,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
 
     import numpy as np
 
+    from .core.flight import story, why
     from .core.model import Model
     from .core.parameters import PARAMETERS
     from .core.state import STATES
@@ -214,7 +215,8 @@ def _simulate(arguments: argparse.Namespace) -> None:
     if arguments.drive_current is not None:
         PARAMETERS["drive_current"].check("--drive-current", arguments.drive_current)
     times = np.arange(round(arguments.duration * arguments.rate) + 1) / arguments.rate
-    run = model.simulate(times, model.initial_state(**initial), arguments.drive_current)
+    start = model.initial_state(**initial)
+    run = model.simulate(times, start, arguments.drive_current)
     lost = np.flatnonzero(~np.isfinite(run.states).all(axis=1))
     if lost.size:
         raise InputError(
@@ -225,10 +227,9 @@ def _simulate(arguments: argparse.Namespace) -> None:
         write_csv(output, times, columns, overwrite=True)
     else:
         write_bag(output, times, columns)
-    print(
-        f"{output}: {len(times)} samples, {times[-1]:g} s; at the end {run['surge'][-1]:.3f} m, "
-        f"{run['surge_rate'][-1]:.3f} m/s, top gap {1e3 * run['gap_top'][-1]:.2f} mm"
-    )
+    print(f"{output}: {times[-1]:g} s, {len(times)} samples; {story(run)}")
+    if reason := why(model, run, start, arguments.drive_current):
+        print(reason)
 
 
 def _initial(given: str) -> dict[str, float]:
@@ -359,6 +360,7 @@ COMMANDS = (
         *_delivered(".paper.fit_command"),
     ),
     Command("paper", "reproduce Kim and Ge (2012) on one page", *_delivered(".paper.command")),
+    Command("watch", "show running nodes live, list topics, print one", *_delivered(".nodes.watch_command")),
 )
 
 if __name__ == "__main__":

@@ -70,6 +70,31 @@ def test_simulate_writes_all_states_on_the_equilibrium_heave(tmp_path, capsys):
     assert os.listdir(tmp_path) == ["run.csv"]
 
 
+def test_simulate_says_what_happened(tmp_path, capsys):
+    """The paper's launch ends on the track, the README's first example flies."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    example = re.search(r"^inductrack (simulate .*?) --output", readme, re.M)[1].split()
+
+    def said(*arguments: str) -> list[str]:
+        assert cli.main([*arguments, "--output", str(tmp_path / "run.csv")]) == 0
+        return capsys.readouterr().out.splitlines()
+
+    (flight,) = said(*example)
+    run = read_csv(tmp_path / "run.csv")
+    travel, speed = run["surge"][-1], run["surge_rate"][-1]
+    assert f"flew {travel:.1f} m, from {run['surge_rate'][0]:.1f} to {speed:.1f} m/s, top gap " in flight
+    assert "touched" not in flight
+    landing, why = said("simulate", "--duration", "3")
+    run = read_csv(tmp_path / "run.csv")
+    slow = run.times[np.flatnonzero(run["surge_rate"] > 0.1)[-1] + 1]
+    assert re.search(rf"flew 1\d\.\d m, touched down at 1\.\d+ s with .* m/s, at rest since {slow:.2f} s after ", landing)
+    thrust, drag = map(float, re.fullmatch(r"It slowed down from the start: (.*) N of thrust against (.*) N of drag\.", why).groups())
+    assert 0 < thrust < drag
+    assert said("simulate", "--initial", "surge_rate=17")[1].startswith("It sped up")
+    assert "began in contact with the track, at rest since" in said("simulate", "--initial", "surge_rate=2", "--drive-current", "0")[0]
+    assert "began in contact with the track, at rest throughout" in said("simulate", "--initial", "surge_rate=0", "--drive-current", "0")[0]
+
+
 def test_simulate_takes_model_state_and_current(tmp_path):
     model = Model.create({"eta": 0.75}, effects={"aerodynamic_drag": {"drag_area": 0.02}})
     model.save(tmp_path / "model.yaml")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import signal
 import time
 from dataclasses import astuple
 
@@ -17,7 +19,8 @@ from inductrack_ros.core.state import STATES
 from inductrack_ros.data import write_bag
 from inductrack_ros.monitoring.evidence import Detector
 from inductrack_ros.monitoring.monitor import Monitor
-from inductrack_ros.nodes.topics import nanoseconds_of
+from inductrack_ros.frames import rates_to_twist
+from inductrack_ros.nodes.topics import fill_pose, fill_twist, nanoseconds_of, stamp_of
 
 NOISE = np.array([5e-4, 3e-5, 3e-5, 1e-4, 0.02, 2e-3, 2e-3, 5e-3])
 PUBLISHED = {"eta": 0.7295, "gamma": 3.9298}
@@ -76,7 +79,7 @@ def test_a_complete_model_is_quiet_and_its_forces_are_noise():
 
 
 def test_a_hidden_force_is_shown_within_its_error_and_its_region_named():
-    monitor, pulls = Monitor(Model.default(), NOISE), []
+    monitor, pulls, strongest = Monitor(Model.default(), NOISE), [], []
     for seed in range(6):
         times, values = measured(LIFT, seconds=1.2, seed=seed)
         assert values[-1, 4] > 23.0
@@ -85,10 +88,13 @@ def test_a_hidden_force_is_shown_within_its_error_and_its_region_named():
             inside = (window.samples.column == STATES.index("surge_rate")) & (window.stamps < window.end)
             truth = np.maximum(window.samples.value[inside] - 20.0, 0.0).mean()
             pulls.append((fit.force - [0.0, 0.0, truth, 0.0]) / fit.sigma)
+            strongest.append(truth)
     pulls = np.array(pulls)
     assert (np.sqrt((pulls**2).mean(axis=0)) < 1.3).all() and np.abs(pulls).max() < 4.5
     assert list(monitor.failing) == ["heave"] and monitor.failing["heave"][0] == "above 20 m/s"
     assert monitor.status() == (False, "fails in heave above 20 m/s")
+    force, sigma = monitor.largest["heave"]
+    assert list(monitor.largest) == ["heave"] and abs(force - max(strongest)) < 4 * sigma < force
     monitor.change(Model.create(effects={"aerodynamic_drag": {"drag_area": 0.03}}))
     feed(monitor, *measured({"aerodynamic_drag__drag_area": 0.03}), start=100.0)
     assert monitor.status() == (True, "model fits")  # the wrong one is forgotten, the right one quiet
@@ -193,6 +199,11 @@ def test_a_bag_that_hides_an_effect_plays_and_the_improved_model_is_quiet(ros, t
     assert player.wait() == 0 and f"{2 * len(times)} messages played" in player.output
     paper.wait_for("fails in heave")
     improved.wait_for("model fits")
+    paper.wait_for("the measurements have ended; verdict after 19 windows: fails in heave")
+    improved.wait_for("the measurements have ended; verdict after 19 windows: model fits")
+    said_in_newtons = re.search(r"verdict .*; largest missing force: heave −(\S+) ± (\S+) N$", paper.output, re.M)
+    last = 0.5 * 1.29 * 0.02 * np.interp(1.85, times, values[:, 4]) ** 2  # in the middle of the last window
+    assert float(said_in_newtons[1]) == pytest.approx(last, abs=4 * float(said_in_newtons[2]))
     # The twentieth window lacks what comes after its end.
     for heard, last in ((forces, 101.85), (sigmas, 101.85), (residuals[0], 101.898), (residuals[1], 101.898), (better, 101.8)):
         ros.wait(lambda h=heard, t=last: h and nanoseconds_of(h[-1].header.stamp) / 1e9 > t - 1e-6, "the last window")
@@ -220,3 +231,24 @@ def test_a_bag_that_hides_an_effect_plays_and_the_improved_model_is_quiet(ros, t
     assert said()["/inductrack/better: model"].level == b"\x00"
     assert "±" in {v.key: v.value for v in status.values}["missing in heave (N)"]
     assert paper.stop() == improved.stop() == 0
+    assert paper.output.count("verdict after") == 1  # not once more at the end
+
+
+def test_a_monitor_that_is_ended_says_its_verdict(ros, tmp_path):
+    """As in a script: what came is judged, and the verdict is in the log although the rig goes on."""
+    times, values = measured(seconds=1.0)
+    monitor = ros.start("monitor")
+    poses = ros.publisher(PoseStamped, "/inductrack/measured/pose")
+    twists = ros.publisher(TwistStamped, "/inductrack/measured/twist")
+    ros.connect("/inductrack/monitor")
+    for t, row in zip(times, values, strict=True):
+        pose, twist = PoseStamped(), TwistStamped()
+        pose.header.stamp = twist.header.stamp = stamp_of(round((5.0 + t) * 1e9))
+        fill_pose(pose.pose, row[:4])
+        fill_twist(twist.twist, *rates_to_twist(row[4:]))
+        poses.publish(pose)
+        twists.publish(twist)
+        ros.spin(0.002)
+    monitor.wait_for("too early to tell")
+    assert monitor.stop(signal.SIGTERM) == 0
+    assert re.search(r"the monitor ends; verdict after \d windows: ", monitor.output)

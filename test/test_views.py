@@ -16,7 +16,7 @@ from visualization_msgs.msg import MarkerArray
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import GAPS
 from inductrack_ros.nodes import interface_tables, layouts
-from inductrack_ros.nodes.record import message_class
+from inductrack_ros.nodes.messages import message_class
 from inductrack_ros.nodes.scene import scene
 
 ROOT = Path(__file__).parents[1]

@@ -226,6 +226,20 @@ class Monitor:
             for i in np.flatnonzero(alarms)
         }
 
+    @property
+    def largest(self) -> dict[str, tuple[float, float]]:
+        """For each coordinate that fails the largest force that a window shows for sure (beyond two sigma), and its sigma.
+
+        In N; of roll in N·m.
+        """
+        fits = [fit for fit, _ in self._judged]
+        found = {}
+        for name in self.failing:
+            i = COORDINATES.index(name)
+            fit = max(fits, key=lambda f, i=i: abs(f.force[i]) - 2.0 * f.sigma[i])
+            found[name] = float(fit.force[i]), float(fit.sigma[i])
+        return found
+
     def status(self) -> tuple[bool, str]:
         """Whether the model holds, as far as can be told, and the sentence that says so."""
         failing = self.failing

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 
 import numpy as np
 from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped, WrenchStamped
@@ -19,6 +20,7 @@ from ..core.options import MODEL_OPTIONS, is_of_the_node
 from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import COORDINATES, RATES, STATES
 from ..monitoring.monitor import Monitor, Window
+from ..reports.words import sized
 from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .parameters import Option, declare, effect_parameters, given, plain, refuse_unknown, with_values
@@ -33,6 +35,7 @@ OWN = {
     "reliability": Option("best_effort", "quality of service asked of what is measured", ("reliable", "best_effort")),
     **_NOISE,
 }
+SILENT = 1.0  # s without a pose, and nobody who publishes it, after which a run or a bag is over
 LOOK = 0.02  # s between looks for windows that are complete
 
 
@@ -71,6 +74,8 @@ class MonitorNode(Node):
         self._frame = ""
         self._diagnostics = Diagnostics(self, "model", "rig")
         self._said = ""
+        self._heard_at = 0.0  # s, monotonic, of the last pose
+        self._concluded = 0  # windows that the last conclusion spoke of
         self._last: Window | None = None
         every(self, LOOK, self._look)
         every(self, PERIOD, self._diagnose)
@@ -84,6 +89,7 @@ class MonitorNode(Node):
     def _take_pose(self, message: PoseStamped) -> None:
         p, q = message.pose.position, message.pose.orientation
         self._frame = message.header.frame_id
+        self._heard_at = time.monotonic()
         coordinates = frames.pose_to_coordinates((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
         self.monitor.pose(nanoseconds_of(message.header.stamp), coordinates)
 
@@ -137,15 +143,39 @@ class MonitorNode(Node):
         message.header.stamp, message.header.frame_id = stamp_of(stamp), self._frame
         publisher.publish(message)
 
+    def _say(self, holds: bool, sentence: str) -> None:
+        if holds:
+            self.get_logger().info(sentence)
+        else:  # a line of its own: rclpy wants one severity to a line
+            self.get_logger().warning(sentence)
+
+    def _in_newtons(self, sentence: str) -> str:
+        """The verdict with the largest force that is missing."""
+        forces = [f"{c} {sized(*force, 'N·m' if c == 'roll' else 'N')}" for c, force in self.monitor.largest.items()]
+        return f"{sentence}; largest missing force: {', '.join(forces)}" if forces else sentence
+
+    def _conclude(self, why: str) -> None:
+        """The verdict on all windows so far, once."""
+        count = self.monitor.counts.windows
+        if count > self._concluded:
+            self._concluded = count
+            holds, sentence = self.monitor.status()
+            self._say(holds, f"{why}; verdict after {count} windows: {self._in_newtons(sentence)}")
+
+    def close(self) -> None:
+        """Say the verdict when the node ends, for what was measured since it was said last."""
+        self._look()
+        self._conclude("the monitor ends")
+
     def _diagnose(self) -> None:
         monitor, counts = self.monitor, self.monitor.counts
         holds, sentence = monitor.status()
         if sentence != self._said:
             self._said = sentence
-            if holds:
-                self.get_logger().info(sentence)
-            else:  # a line of its own: rclpy wants one severity to a line
-                self.get_logger().warning(sentence)
+            self._say(holds, self._in_newtons(sentence))
+        silent = time.monotonic() - self._heard_at > SILENT
+        if silent and not self.count_publishers("measured/pose"):
+            self._conclude("the measurements have ended")
         facts: dict[str, object] = {"windows": counts.windows, "windows in contact, not judged": counts.contact}
         facts |= {f"fails in {c}": "; or ".join(where) or "everywhere it was tried" for c, where in monitor.failing.items()}
         if self._last is not None and self._last.fit is not None:

@@ -15,7 +15,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..core.errors import InputError
 from ..data.bag_files import open_bag
-from .record import message_class
+from .messages import message_class
 from .runtime import DEPTH, every, run
 
 LOOK = 1e-3  # s between looks whether a message is due

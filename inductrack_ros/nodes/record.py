@@ -7,7 +7,6 @@ import sys
 import time
 from datetime import datetime
 from functools import partial
-from importlib import import_module
 from itertools import chain, count
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..core.errors import InputError
 from .bag import SegmentedBag
+from .messages import message_class
 from .runtime import NAMESPACE, every, run
 
 QUEUE_DEPTH = 20000  # messages a topic may bring while one second is being written
@@ -133,12 +133,6 @@ def stamp_ns(data: bytes) -> int:
     """Time (ns) at the start of a serialized message whose first field is a Header or a Time."""
     order = "little" if data[1] & 1 else "big"
     return int.from_bytes(data[4:8], order, signed=True) * 10**9 + int.from_bytes(data[8:12], order)
-
-
-def message_class(type_name: str) -> type:
-    """`geometry_msgs/msg/PoseStamped` → its class (rosidl_runtime_py does this, but is not among the wheels)."""
-    package, folder, name = type_name.split("/")
-    return getattr(import_module(f"{package}.{folder}"), name)
 
 
 def parse(args: list[str]) -> argparse.Namespace:
