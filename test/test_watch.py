@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from conftest import wait_until
 from rich.console import Console
 
 from inductrack_ros import cli
@@ -91,9 +92,13 @@ def test_a_running_simulator_is_seen(ros):
     table = ros.start("inductrack", "watch", "measured/pose", "--csv", "-n", "/rig")
     live.wait_for("missing surge")
     table.wait_for("\n")
-    listed = ros.start("inductrack", "watch", "--list")
-    assert listed.wait() == 0
-    assert re.search(r"/rig/measured/pose +geometry_msgs/msg/PoseStamped +1 +\d", listed.output)
+
+    def is_listed() -> bool:  # discovery has no end that one could wait for
+        listed = ros.start("inductrack", "watch", "--list")
+        assert listed.wait() == 0
+        return bool(re.search(r"^/rig/measured/pose +geometry_msgs/msg/PoseStamped +1 +[1-9]", listed.output, re.M))
+
+    wait_until(is_listed, "the list of topics")
     view = ros.start("inductrack", "watch", "--once", "-n", "rig")
     assert view.wait() == 0 and "Surge speed" in view.output and "thrust" in view.output and "sim: " in view.output
     assert live.stop() == 0 and table.stop(signal.SIGTERM) == 0

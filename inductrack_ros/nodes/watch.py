@@ -29,8 +29,8 @@ from .watch_view import View, line, screen, words_of_list
 
 LOOK = 0.1  # s between looks at what came
 LINE = 1.0  # s between lines where the output is no terminal
-SETTLED = 0.5  # s without a new topic after which the list is complete
-LONGEST = 5.0  # s that the list, or one view, waits at most
+SETTLED = 1.5  # s without a new topic after which the list is complete
+LONGEST = 6.0  # s that the list, or one view, waits at most
 SILENT = 2.0  # s after which it is said that nothing comes
 QUEUE = 2000  # messages of one topic between two looks
 #: The nodes' own log has no place on the screen.
@@ -96,7 +96,8 @@ class Lister(Watcher):
         topics = dict(self.get_topic_names_and_types())
         if sorted(topics) != self._known:
             self._known, self._new = sorted(topics), time.monotonic()
-        if time.monotonic() - self._new < SETTLED and self.waited < LONGEST:
+        alone = len(self.get_node_names()) < 2
+        if (alone or time.monotonic() - self._new < SETTLED) and self.waited < LONGEST:
             return
         rows = [
             (t, ", ".join(topics[t]), self.count_publishers(t), self.count_subscribers(t)) for t in self._known
