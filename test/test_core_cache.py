@@ -8,30 +8,30 @@ import time
 
 import pytest
 
-from inductrack_ros.core import kernel
+from inductrack_ros.core import compiled, kernel
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 
 
 def test_kernels_nobody_uses_are_dropped(tmp_path):
-    for name, age in (("old", kernel.KEPT_DAYS + 1), ("young", kernel.KEPT_DAYS - 1)):
+    for name, age in (("old", compiled.KEPT_DAYS + 1), ("young", compiled.KEPT_DAYS - 1)):
         (tmp_path / name / "__pycache__").mkdir(parents=True)
         module = tmp_path / name / "inductrack_kernel.py"
         module.write_text("")
         os.utime(module, (then := time.time() - age * 86400, then))
     (tmp_path / "not_ours").mkdir()
-    kernel.prune(tmp_path)
+    compiled.prune(tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["not_ours", "young"]
 
 
 def test_a_kernel_in_use_is_young(tmp_path, monkeypatch):
     monkeypatch.setenv("INDUCTRACK_CACHE", str(tmp_path))
     monkeypatch.setattr(kernel, "_warm_up", lambda kernel: None)
-    monkeypatch.setattr(kernel, "_kernels", {})
+    monkeypatch.setattr(compiled, "_modules", {})
     kernel._build([], None)
     (module,) = tmp_path.glob("*/inductrack_kernel.py")
     os.utime(module, (0, 0))
-    kernel._kernels.clear()
+    compiled._modules.clear()
     kernel._build([], None)
     assert module.stat().st_mtime > time.time() - 3600
 
@@ -57,12 +57,12 @@ def test_a_temporary_folder_of_somebody_else_is_not_used(tmp_path, monkeypatch):
     monkeypatch.delenv("INDUCTRACK_CACHE", raising=False)
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))  # no folder can be made there
-    monkeypatch.setattr(kernel.tempfile, "gettempdir", lambda: str(tmp_path))
-    mine = kernel.cache_folder()
+    monkeypatch.setattr(compiled.tempfile, "gettempdir", lambda: str(tmp_path))
+    mine = compiled.cache_folder()
     assert mine.parent == tmp_path
     assert mine.stat().st_mode & 0o077 == 0
     user = os.getuid()
     mine.rename(tmp_path / f"inductrack_ros-{user + 1}")
     monkeypatch.setattr(os, "getuid", lambda: user + 1)  # now it is another's
     with pytest.raises(InputError, match="no folder to keep compiled code in"):
-        kernel.cache_folder()
+        compiled.cache_folder()

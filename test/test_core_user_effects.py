@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from inductrack_ros.core import effects as effects_package
-from inductrack_ros.core import kernel
+from inductrack_ros.core import compiled, kernel
 from inductrack_ros.core.effects import catalogue
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
@@ -132,7 +132,7 @@ def test_every_edit_is_another_kernel(alone, old, new):
 
     def key(source):
         alone.write_text(source)
-        return kernel._fingerprint(effects_package.load_effects([alone])["bump"].function, set())
+        return compiled.fingerprint(effects_package.load_effects([alone])["bump"].function, set())
 
     assert SOURCE.count(old) == 1
     assert key(SOURCE) != key(SOURCE.replace(old, new))
@@ -187,7 +187,7 @@ def test_a_damaged_cache_is_made_anew(tmp_path, monkeypatch):
     path = tmp_path / "mine.py"
     path.write_text(SOURCE.replace("STRENGTH = 2.0", "STRENGTH = 8.0"))
     _ = Model.create(effect_files=[path]).kernel
-    monkeypatch.setattr(kernel, "_kernels", {})
+    monkeypatch.setattr(compiled, "_modules", {})
     monkeypatch.setattr(kernel, "_built", {})
     _ = Model.create(effect_files=[path]).kernel
     assert calls == [0, 1, 0]
@@ -203,7 +203,7 @@ def test_a_function_of_another_module_counts_too(tmp_path, monkeypatch):
         (tmp_path / f"{module}.py").write_text(f"def inner(v):\n    return {inner}\ndef other(v):\n    return {other}\n")
         scope = {}
         exec(source.format(m=module), scope)
-        prints.add(kernel._fingerprint(scope["outer"], set()).replace(module, ""))
+        prints.add(compiled.fingerprint(scope["outer"], set()).replace(module, ""))
     assert len(prints) == 3
 
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
-from inductrack_ros.core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
+from inductrack_ros.core.state import OUTPUTS
 from inductrack_ros.nodes.detectors import Edge, Photodiodes
 from inductrack_ros.nodes.drive import PulseQueue
 from inductrack_ros.nodes.firing import FiringPlan, Motion, SpeedHold
-from inductrack_ros.nodes.sensors import SensorModel, declared
+from inductrack_ros.core.rig import Rig, declared
 from inductrack_ros.nodes.simulation import Simulation, parse_initial_state
 
 PULSE = 600e-6
@@ -189,15 +189,13 @@ def test_a_latency_the_controller_does_not_know_costs_thrust():
 def measure(model=None, seconds=4.0, seed=0, **changed):
     """Samples of a cradle that stands at surge = time, everything else 0."""
     values = {n: p.default for n, p in declared().items()} | {k.replace("__", "."): v for k, v in changed.items()}
-    sensors = SensorModel(values, model or Model.default(), seed)
+    rig = Rig(values, model or Model.default(), seed)
     samples: dict[str, list] = {}
     for k in range(int(500 * seconds)):
         t = k / 500
-        sensors.remember(t, dict.fromkeys((*COORDINATES, *RATES, *GAPS, *ACCELERATIONS), 0.0) | {"surge": t})
-        for name in sensors.due(t, 1 / 500):
-            reading = sensors.sample(name, t)
-            if reading is not None:
-                samples.setdefault(name, []).append((t, reading))
+        truth = np.array([{"surge": t, "surge_rate": 1.0}.get(c, 0.0) for c in OUTPUTS])
+        for sample in rig.step(t, truth, 1 / 500):
+            samples.setdefault(sample.sensor, []).append((sample.time, sample.reading))
     return samples
 
 

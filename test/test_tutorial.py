@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import wait_until
 
-from inductrack_ros.core.kernel import cache_folder
+from inductrack_ros.core.compiled import cache_folder
 from inductrack_ros.data import read_bag
 
 pytestmark = pytest.mark.alone

@@ -33,7 +33,7 @@ def rows(effects: Iterable[Effect]) -> list[str]:
 
 def text() -> str:
     """The table of what a diagnosis chooses from: the cradle's effects, then the sensors'."""
-    effects = sorted((e for e in catalogue().values() if e.screened), key=lambda e: e.of_channel)
+    effects = sorted((e for e in catalogue().values() if e.screened), key=lambda e: e.of_sensor)
     return "\n".join([HEAD, *rows(effects)])
 
 

@@ -9,27 +9,16 @@ new module and never a stale one.
 from __future__ import annotations
 
 import ast
-import contextlib
-import hashlib
-import importlib.util
 import inspect
-import os
-import platform
 import re
-import shutil
-import sys
-import tempfile
-import time
-import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from types import ModuleType
 
-import numba
 import numpy as np
 
-from . import effects as effects_package
-from . import equations, integrator, lanes
+from . import compiled, equations, integrator, lanes
+from .compiled import mark, place_of
 from .effects import Effect
 from .errors import InputError, did_you_mean
 from .parameters import PARAMETERS
@@ -44,9 +33,6 @@ QUANTITIES = (
 )  # fmt: skip
 #: Longest free step over the field's time scale, and contact step over the contact's: set by the golden trajectories.
 FREE_STEP, CONTACT_STEP = 0.14, 0.4
-#: Compiled kernels unused for so long are thrown away when a new one is compiled.
-KEPT_DAYS = 90
-_MODULE = "inductrack_kernel.py"
 
 _FLAGS = ("averaged", "touching_top", "touching_right", "touching_left")
 _MOMENT = ("time", "travel", "pulse_current", "averaged", "touching_top", "touching_right", "touching_left")
@@ -93,7 +79,7 @@ def _call(index: int, item: Effect, known: set[str], column: dict[str, int]) -> 
             remedy = (
                 f"; it is not known yet where {item.targets[0]} is decided" if late else did_you_mean(name, sorted(known))
             )
-            raise InputError(f"{_place(item)} asks for '{name}', which is not there{remedy}")
+            raise InputError(f"{place_of(item)} asks for '{name}', which is not there{remedy}")
     results = [f"r{index}_{i}" for i in range(len(item.targets) + len(item.states))]
     call = f"{', '.join(results)} = effect_{index}({', '.join(arguments)})"
     sign = "" if item.replaces else "+"
@@ -116,7 +102,7 @@ def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
     for item in effects:
         for target in item.targets:
             if target not in _QUANTITY_NAMES | set(PARAMETERS):
-                raise InputError(f"{_place(item)} changes '{target}', which is not there{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}")
+                raise InputError(f"{place_of(item)} changes '{target}', which is not there{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}")
     used = {"mass", "roll_inertia"} | {n.id for s in _BODY for n in ast.walk(s) if isinstance(n, ast.Name)}
     used |= {a for item in effects for a in (*item.arguments, *item.targets)} & set(PARAMETERS)
     lines = [f"{name} = P[{column[name]}]" for name in PARAMETERS if name in used]
@@ -150,87 +136,12 @@ def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
     return "\n".join([table, "", head, *(f"    {line}" for line in unpack + lines)])
 
 
-def _plain(value: object) -> object:
-    """The Python function behind an effect or a jitted function; anything else as it is."""
-    value = value.function if isinstance(value, Effect) else value
-    return getattr(value, "py_func", value)
-
-
-def _jit(function: Callable, home: str, done: dict[int, Callable]) -> Callable:
-    """``function`` for numba, together with the plain Python functions it calls.
-
-    What comes back belongs to the module named ``home``: compiled code is loaded by its module's name, and that of a
-    user's file differs where the effect does not (another folder, another remark).
-    """
-    if id(function) in done:
-        return done[id(function)]
-    options = {"nopython": True, "nogil": True, "error_model": "numpy"} | getattr(function, "targetoptions", {})
-    plain = _plain(function)
-    names = plain.__globals__ | {"__name__": home}
-    cells = [types.CellType(c.cell_contents) for c in plain.__closure__ or ()]
-    copy = types.FunctionType(plain.__code__, names, plain.__name__, plain.__defaults__, tuple(cells))
-    done[id(function)] = compiled = numba.jit(**options)(copy)
-
-    def helper(value: object) -> object:
-        return _jit(value, home, done) if isinstance(_plain(value), types.FunctionType) else value
-
-    for name in _names_in(plain.__code__) & set(names):
-        names[name] = helper(names[name])
-    for cell in cells:
-        cell.cell_contents = helper(cell.cell_contents)
-    return compiled
-
-
-def _names_in(code: types.CodeType) -> set[str]:
-    return set(code.co_names).union(*(_names_in(c) for c in code.co_consts if isinstance(c, types.CodeType)))
-
-
-def _fingerprint(function: Callable, seen: set[int]) -> str:
-    """What a function does: its code and everything its code refers to, so that an edit anywhere shows."""
-    function = _plain(function)
-    if id(function) in seen:
-        return ""
-    seen.add(id(function))
-    parts = []
-
-    def code(c: types.CodeType) -> None:
-        parts.append(c.co_code.hex())
-        for constant in c.co_consts:
-            code(constant) if isinstance(constant, types.CodeType) else parts.append(repr(constant))
-        parts.append(repr((c.co_names, c.co_varnames, c.co_freevars)))
-        modules = [m for n in c.co_names if isinstance(m := function.__globals__.get(n), types.ModuleType)]
-        for name in c.co_names:
-            describe(name, function.__globals__.get(name))
-            for module in modules:  # helper.rate, say; of numpy and math the version counts, see `build`
-                describe(f"{module.__name__}.{name}", getattr(module, name, None))
-
-    def describe(name: str, value: object) -> None:
-        if isinstance(value, np.ndarray):
-            parts.append(f"{name}={value.dtype}{value.shape}{value.tobytes().hex()}")
-        elif isinstance(_plain(value), types.FunctionType):
-            parts.append(name + _fingerprint(value, seen))
-        elif not isinstance(value, types.ModuleType):
-            parts.append(f"{name}={value!r}")
-
-    code(function.__code__)
-    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-        describe(name, cell.cell_contents)
-    return "|".join(parts)
-
-
-def _compiled(text: str, options: str, *names: str) -> str:
-    """``text`` with these of its functions handed to numba."""
-    for name in names:
-        text = text.replace(f"\ndef {name}(", f"\n@njit(nogil=True, error_model='numpy', {options})\ndef {name}(", 1)
-    return text
-
-
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
     constants = {name.upper(): column[name] for name in PARAMETERS}
     constants |= {"N_STATES": n_states, "PADDED": (n_states + 3) // 4 * 4, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
     jitted = ["pulse_sum", "until_pulse_edge", "groups_on", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "sticks", "integrate"]
-    text = _compiled(inspect.getsource(integrator), "_nrt=False", *jitted)
-    text = _compiled(text, "cache=True", "simulate_batch", "simulate_pieces", "evaluate")
+    text = mark(inspect.getsource(integrator), "_nrt=False", *jitted)
+    text = mark(text, "cache=True", "simulate_batch", "simulate_pieces", "evaluate")
     head = [
         "from math import cos, exp, pi, sin, sqrt",
         "import numpy as np",
@@ -239,7 +150,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         f"MAX_STEPS = np.array([{', '.join(repr(e.max_step) for e in effects)}], dtype=np.float64)",
         f"MAX_TRAVELS = np.array([{', '.join(str(column.get(f'{e.name}.{e.max_travel}', -1)) for e in effects)}], dtype=np.int64)",
         *(f"{name} = {value!r}" for name, value in constants.items()),
-        _compiled("\n" + _derivative(effects, column), "_nrt=False, forceinline=True", "derivative"),
+        mark("\n" + _derivative(effects, column), "_nrt=False, forceinline=True", "derivative"),
         "",
         "",
         text,
@@ -269,41 +180,12 @@ def _lanes_text() -> str:
         "",
         inspect.getsource(lanes),
     ]
-    text = _compiled("\n".join(["", *lines]), "_nrt=False, forceinline=True", "lane_exp", "lane_sine", "lane_sin", "lane_cos")
-    text = _compiled(text, "_nrt=False", "slopes", "lane_steps", "leaves")
+    text = mark("\n".join(["", *lines]), "_nrt=False, forceinline=True", "lane_exp", "lane_sine", "lane_sin", "lane_cos")
+    text = mark(text, "_nrt=False", "slopes", "lane_steps", "leaves")
     constants = [f"{name} = {place}" for name, place in (*places.items(), ("WORK", end)) if name != "P"]
-    return "\n".join([*constants, _compiled(text, "cache=True", "fly")])
+    return "\n".join([*constants, mark(text, "cache=True", "fly")])
 
 
-def cache_folder() -> Path:
-    """Where compiled kernels are kept: ``$INDUCTRACK_CACHE``, else the user's cache folder, else a temporary one."""
-    temporary = Path(tempfile.gettempdir()) / f"inductrack_ros-{os.getuid()}"
-    for folder in (
-        os.environ.get("INDUCTRACK_CACHE"),
-        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "inductrack_ros",
-        temporary,
-    ):
-        if folder:
-            try:
-                Path(folder).mkdir(0o700, parents=True, exist_ok=True)
-                if folder == temporary and (folder.is_symlink() or folder.stat().st_uid != os.getuid()):
-                    continue  # anybody may make a folder there, and what is in it would be run
-                with tempfile.TemporaryFile(dir=folder):
-                    return Path(folder)
-            except OSError:
-                continue
-    raise InputError("no folder to keep compiled code in; set INDUCTRACK_CACHE to one that can be written")
-
-
-def prune(folder: Path) -> None:
-    """Drop kernels that nobody has loaded for `KEPT_DAYS`."""
-    for path in folder.glob(f"*/{_MODULE}"):
-        with contextlib.suppress(OSError):  # another process may be at it
-            if path.stat().st_mtime < time.time() - KEPT_DAYS * 86400:
-                shutil.rmtree(path.parent)
-
-
-_kernels: dict[str, Kernel] = {}
 _built: dict[tuple[int, ...], tuple[list[Effect], Kernel]] = {}  # by identity of the effects, which it keeps alive
 
 
@@ -313,7 +195,7 @@ def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None 
     Compiles on first use and tells ``announce`` so; later starts load machine code from the cache. Raises
     `InputError` for an effect that asks for what is not there or that numba cannot compile.
     """
-    items = [e for e in effects.values() if not e.of_channel]
+    items = [e for e in effects.values() if not e.of_sensor]
     identity = tuple(map(id, items))
     if identity not in _built:
         _built[identity] = items, _build(items, announce)
@@ -328,55 +210,16 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
     for item in items:
         for quantity in item.states.values():
             if quantity not in QUANTITIES:
-                raise InputError(f"{_place(item)}: a state starts on '{quantity}', which is not there{did_you_mean(quantity, QUANTITIES)}")
+                raise InputError(f"{place_of(item)}: a state starts on '{quantity}', which is not there{did_you_mean(quantity, QUANTITIES)}")
     text = _module_text(items, column, 8 + len(carried))
-    ingredients = [text, numba.__version__, np.__version__, sys.version, platform.processor(), platform.machine()]
-    ingredients += [_fingerprint(e.function, set()) for e in items]
-    key = hashlib.sha256("\n".join(ingredients).encode()).hexdigest()[:20]
-    if key in _kernels:
-        return _kernels[key]
 
-    folder = cache_folder() / key
-    path = folder / _MODULE
-    fresh = not path.exists()
-    with contextlib.suppress(OSError):
-        os.utime(path)  # what is used is kept
-    if fresh:  # written aside and renamed, for two processes may start at once
-        folder.mkdir(exist_ok=True)
-        aside = folder / f"kernel.{os.getpid()}.tmp"
-        aside.write_text(text)
-        os.replace(aside, path)
-        prune(folder.parent)
-    name = f"inductrack_kernel_{key}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    done: dict[int, Callable] = {}
-    for i, item in enumerate(items):
-        setattr(module, f"effect_{i}", _jit(item.function, name, done))
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    kept = any(folder.glob("__pycache__/*.nbc"))
-    if not kept:
-        for i, item in enumerate(items):
-            if not _is_ours(item):
-                _check_alone(item, getattr(module, f"effect_{i}"))
-        if announce:
-            announce("compiling the model, once for this set of effects …")
-    kernel = Kernel(
-        tuple(e.name for e in items), tuple(names), STATES + tuple(carried), started_on,
-        module.simulate_batch, module.simulate_pieces, module.evaluate, module.fly, text,
-    )  # fmt: skip
-    try:
-        _warm_up(kernel)
-    except InputError:
-        raise
-    except Exception:
-        if not kept:
-            raise
-        shutil.rmtree(folder, ignore_errors=True)  # what was kept is damaged
-        return _build(items, announce)
-    _kernels[key] = kernel
-    return kernel
+    def kernel(module: ModuleType) -> Kernel:
+        return Kernel(
+            tuple(e.name for e in items), tuple(names), STATES + tuple(carried), started_on,
+            module.simulate_batch, module.simulate_pieces, module.evaluate, module.fly, text,
+        )  # fmt: skip
+
+    return kernel(compiled.load(text, items, lambda module: _warm_up(kernel(module)), _FLAGS, announce))
 
 
 def _warm_up(kernel: Kernel) -> None:
@@ -384,59 +227,9 @@ def _warm_up(kernel: Kernel) -> None:
     n = len(kernel.states)
     P = np.array([PARAMETERS[p].default if p in PARAMETERS else 1.0 for p in kernel.parameters])
     on, moving, none = np.zeros((1, len(kernel.effects)), np.bool_), np.ones(4), np.empty(0)
-    try:
-        kernel.evaluate(0.0, np.zeros(n), P, on[0], moving, 0.0, True, none, none, none, np.zeros(n), np.zeros(len(QUANTITIES)))
-        kernel.simulate_batch(
-            np.zeros(1), 0.0, np.zeros((1, n)), P[None], on, moving, np.zeros(1), True, none, none, none, 1.0, np.zeros((1, 1, 15))
-        )
-    except numba.core.errors.NumbaError as error:
-        raise InputError(f"the effects {', '.join(kernel.effects)} do not compile together: {_reason(error)}") from error
-
-
-def _is_ours(item: Effect) -> bool:
-    return item.function.__module__.startswith(effects_package.__name__)
-
-
-def _place(item: Effect) -> str:
-    """Who is at fault, at the head of a message: file and line too where the effect is the user's."""
-    code = item.function.__code__
-    return f"effect '{item.name}'" if _is_ours(item) else f"{code.co_filename}, line {code.co_firstlineno}: effect '{item.name}'"
-
-
-def _check_alone(item: Effect, function: Callable) -> None:
-    """Compile one effect for numbers and look at what it returns, so that an error names it and comes at once."""
-    number, flag = numba.float64, numba.boolean
-    own = set(item.parameters) | set(item.states)
-    tables = {p for p, d in item.parameters.items() if d.count > 1}
-    signature = tuple(
-        flag if a in _FLAGS and a not in own else number[::1] if a in tables else number for a in item.arguments
+    kernel.evaluate(0.0, np.zeros(n), P, on[0], moving, 0.0, True, none, none, none, np.zeros(n), np.zeros(len(QUANTITIES)))
+    kernel.simulate_batch(
+        np.zeros(1), 0.0, np.zeros((1, n)), P[None], on, moving, np.zeros(1), True, none, none, none, 1.0, np.zeros((1, 1, 15))
     )
-    try:
-        function.compile(signature)
-    except Exception as error:  # numba has many; all are about this function's text
-        raise InputError(f"{_place(item)} cannot be compiled: {_reason(error)}; use numbers, math functions and if") from error
-    returned = function.overloads[signature].signature.return_type
-    given = list(returned) if isinstance(returned, numba.types.BaseTuple) else [returned]
-    wanted = [*item.targets, *(f"rate of {s}" for s in item.states)]
-    real = (numba.types.Float, numba.types.Integer, numba.types.Boolean)
-    if isinstance(returned, numba.types.NoneType | numba.types.Optional):
-        problem = "does not always return a value"
-    elif len(given) != len(wanted) or (len(wanted) == 1 and given[0] is not returned):
-        problem = f"returns {len(given)} values"
-    elif any(not isinstance(g, real) for g in given):
-        problem = f"returns {returned}, not real numbers"
-    else:
-        return
-    raise InputError(f"{_place(item)} {problem}; it must return {len(wanted)}: {', '.join(wanted)}")
 
 
-def _reason(error: Exception) -> str:
-    """The line of a compiler's message that tells a user what to change, with its place."""
-    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    noise = ("Failed in ", "During:", "File ", "There are ", "- ", "This error")
-    told = [line for line in lines if not line.startswith(noise)]
-    place = re.search(r'File "[^"]*", line (\d+)', text)
-    told = told or lines or [type(error).__name__]
-    reason = " ".join(told[:2] if told[0].endswith("signature:") else told[:1]).rstrip(".:")[:200]  # what it was called with
-    return reason + (f" (line {place[1]})" if place else "")

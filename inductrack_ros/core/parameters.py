@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .errors import InputError, did_you_mean
+from .state import CHANNEL, RATE_UNITS
 
 # How a parameter enters a fit: a coordinate u(x) in which the model is close to linear where the effect vanishes.
 _TO_FIT = {"x": lambda x: x, "1/x": lambda x: 1.0 / x, "1/x^2": lambda x: 1.0 / x**2, "x^2": lambda x: x * x}
@@ -30,7 +31,8 @@ class Parameter:
     ``default`` is what a model uses unless told otherwise; for an effect it is the value at which the effect vanishes,
     where there is one. ``typical`` is a size at which an effect would matter on a rig like the paper's: fits start
     there and take their steps from it. ``fit_as`` names the coordinate of the fit (see ``to_fit``) and ``fit_from`` the least value that a fit tries. A ``count`` above one
-    makes it a table of up to so many numbers; the effect's function gets an array, filled up with zeros.
+    makes it a table of up to so many numbers; the effect's function gets an array, filled up with zeros. ``per_channel``
+    is for a sensor's parameter in its channel's unit: ``typical`` counts in the channel's ``size`` or ``span`` then.
     """
 
     default: float
@@ -44,6 +46,15 @@ class Parameter:
     fit_as: str = "x"
     count: int = 1
     fit_from: float = -math.inf
+    per_channel: str = ""
+
+    def for_channel(self, channel: str) -> Parameter:
+        """The declaration for one channel's sensor: its unit and typical size are the channel's where they hang on it."""
+        if not self.per_channel:
+            return self
+        about = CHANNEL[channel]
+        unit = RATE_UNITS[about.unit] if self.unit == "1/s" else about.unit
+        return replace(self, unit=unit, typical=self.typical * getattr(about, self.per_channel))
 
     def check(self, name: str, value: object, where: str = "") -> float | tuple[float, ...]:
         """Return ``value`` as a float (a table as a tuple), or raise `InputError` naming the parameter and its range."""

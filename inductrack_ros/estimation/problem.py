@@ -19,7 +19,7 @@ from ..core.effects.stand_in import basis
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.model import Pulses as ModelPulses
-from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, RATES, STATES
+from ..core.state import ACCELERATIONS, COORDINATES, INDEX, MOVING, OUTPUTS, RATES, STATES
 from ..data.campaign import Campaign
 from ..data.measurement import Run
 from .response import STATE_STEPS, VARIABLES, RunResponse
@@ -33,10 +33,6 @@ THETA_STEP = 2e-3
 JUMP = 0.8
 #: Prior standard deviation of an initial state about its first guess: says nothing where anything is measured.
 STATE_PRIOR = np.array([0.5, 0.02, 0.02, 0.1, 10.0, 1.0, 1.0, 10.0])
-#: Predictions go on this far (s) beyond a run's ends, for the derivatives by a delay of its first and last samples.
-DELAY_MARGIN = 1e-5
-
-_SLOPE_OF = {**dict(zip(COORDINATES, RATES, strict=True)), **dict(zip(RATES, ACCELERATIONS, strict=True))}
 
 
 @dataclass(frozen=True)
@@ -192,11 +188,18 @@ class Problem:
         with ThreadPoolExecutor(self.threads) as pool:
             return list(pool.map(task, range(len(self.runs))))
 
+    def vectors(self, structure: Structure, i: int, thetas: np.ndarray) -> np.ndarray:
+        """Kernel parameter vectors (j, p) of run i for each row of thetas (j, g)."""
+        P = structure.vectors(thetas)
+        P[:, structure.model.kernel.parameters.index("drive_current")] = self.runs[i].run.drive_current
+        return P
+
     def simulate(self, structure: Structure, i: int, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:
         """Outputs (j, n, 15) of run i on its grid for each row of thetas and states (j, 8)."""
-        data, model = self.runs[i], structure.model
-        P = structure.vectors(thetas)
-        P[:, model.kernel.parameters.index("drive_current")] = data.run.drive_current
+        return self._simulated(structure.model, i, self.vectors(structure, i, thetas), states)
+
+    def _simulated(self, model: Model, i: int, P: np.ndarray, states: np.ndarray) -> np.ndarray:
+        data = self.runs[i]
         x = np.zeros((len(states), len(model.kernel.states)))
         x[:, :8] = states
         on = np.tile(model.switches, (len(states), 1))
@@ -213,26 +216,27 @@ class Problem:
         """How run i answers to small forces at a point."""
         if outputs is None:
             outputs = self.simulate(structure, i, theta[None], state[None])[0]
-        P = structure.vectors(theta[None])[0]
-        P[structure.model.kernel.parameters.index("drive_current")] = self.runs[i].run.drive_current
+        P = self.vectors(structure, i, theta[None])[0]
         return RunResponse(self.runs[i], self.sigma, structure.model, P, outputs, self.dof)
 
-    def predict(self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """What the sensors of run i would read, (j, m), from simulated outputs; NaN outside the run."""
-        data = self.runs[i]
-        predicted = out[:, data.row, data.column]
-        for channel in structure.sensors:
-            if channel not in self.channels:
-                continue
-            mine = np.flatnonzero(data.channel == self.channels.index(channel))
-            values = structure.sensor_values(channel, thetas)
-            if "sensor_delay" in values:
-                for j, delay in enumerate(values["sensor_delay"]):
-                    predicted[j, mine] = _interpolate(data.grid, out[j], channel, data.time[mine] - delay)
-            if "sensor_scale" in values:
-                predicted[:, mine] *= values["sensor_scale"][:, None]
-            if "sensor_bias" in values:
-                predicted[:, mine] += values["sensor_bias"][:, None]
+    def predict(self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray, which: np.ndarray | None = None) -> np.ndarray:
+        """What the sensors of run i would read, (j, m), from simulated outputs (u, n, 15); NaN outside the run.
+
+        Row j of thetas reads ``out[which[j]]``, or ``out[j]`` unless given.
+        """
+        data, sensors = self.runs[i], structure.sensors
+        which = np.arange(len(thetas)) if which is None else which
+        predicted = out[which[:, None], data.row, data.column]
+        if not sensors.channels:
+            return predicted
+        p, P = structure.faults(thetas), self.vectors(structure, i, thetas)
+        for channel in sensors.channels:
+            mine = np.flatnonzero(data.column == INDEX[channel])
+            if mine.size:  # jobs that differ in other sensors' parameters read the same
+                keys = np.column_stack([which, p[:, sensors.own(channel)]])
+                _, first, same = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+                values = sensors.read(channel, data.time[mine], data.grid, out, which=which[first], p=p[first], P=P[first])
+                predicted[:, mine] = values[same.reshape(-1)]
         return predicted
 
     def residuals(self, structure: Structure, theta: np.ndarray, states: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -282,8 +286,13 @@ class Problem:
             moved = 1 + len(points) + np.arange(len(sides) * len(free)).reshape(len(sides), len(free))
             for rows, side in zip(moved, sides, strict=True):
                 x[rows, free] += side * STATE_STEPS[free]
-            out = self.simulate(structure, i, thetas, x)
-            read = self.predict(structure, i, thetas, out)
+            P = self.vectors(structure, i, thetas)
+            alike = (P == P[0]).all(axis=1) & (x == x[0]).all(axis=1)  # as where only a sensor's parameter moves: one simulation
+            apart = np.flatnonzero(~alike)
+            out = self._simulated(structure.model, i, P[[0, *apart]], x[[0, *apart]])
+            which = np.zeros(jobs, np.int64)
+            which[apart] = 1 + np.arange(apart.size)
+            read = self.predict(structure, i, thetas, out, which)
             weight = 1.0 / self.sigma[data.channel]
             at = {(k, v): 1 + j for j, (k, v) in enumerate(points)}
             ends = [(read[at.get((k, up[k]), 0)], read[at.get((k, down[k]), 0)]) for k in range(g)]
@@ -338,20 +347,3 @@ def _slope(ahead: np.ndarray, up, behind: np.ndarray, down) -> np.ndarray:
         central = (ahead + behind) / (up + down)
         jumps = (np.abs(forward - backward) > JUMP * (np.abs(forward) + np.abs(backward))) & (up > 0) & (down > 0)
     return np.where(jumps, smaller, central)
-
-
-def _interpolate(grid: np.ndarray, out: np.ndarray, channel: str, at: np.ndarray) -> np.ndarray:
-    """A channel between grid points: cubic Hermite where its slope is simulated, linear otherwise; NaN outside the run."""
-    values = out[:, INDEX[channel]]
-    slope = out[:, INDEX[_SLOPE_OF[channel]]] if channel in _SLOPE_OF else np.gradient(values, grid)
-    inside = (at >= grid[0] - DELAY_MARGIN) & (at <= grid[-1] + DELAY_MARGIN)
-    k = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, grid.size - 2)
-    h = grid[k + 1] - grid[k]
-    s = (at - grid[k]) / h
-    a, b = values[k], values[k + 1]
-    if channel in ACCELERATIONS or channel in GAPS and not np.isfinite(slope).all():
-        result = a + s * (b - a)
-    else:
-        da, db = slope[k] * h, slope[k + 1] * h
-        result = a + s * (da + s * (3 * (b - a) - 2 * da - db + s * (2 * (a - b) + da + db)))
-    return np.where(inside, result, np.nan)

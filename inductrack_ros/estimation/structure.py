@@ -12,11 +12,8 @@ from ..core.effects import catalogue, split_name
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
 from ..core.parameters import PARAMETERS, Parameter
-from ..core.state import CHANNELS, UNITS
-
-#: A typical bias by the unit of the channel.
-_BIAS = {"m": 1e-4, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2, "m/s²": 0.1, "rad/s²": 0.1}
-
+from ..core.sensors import Sensors
+from ..core.state import CHANNELS
 
 #: Prior of a free parameter about its start, in typical sizes: only keeps what the data say nothing about where it is.
 THETA_PRIOR = 300.0
@@ -72,8 +69,9 @@ class Structure:
             if name not in PARAMETERS:
                 raise InputError(f"free: unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
             return PARAMETERS[name]
-        item, _ = split_name(effect, self.model.known_effects, CHANNELS)
-        return item.parameters[parameter.partition("[")[0]]
+        item, channel = split_name(effect, self.model.known_effects, CHANNELS)
+        declared = item.parameters[parameter.partition("[")[0]]
+        return declared.for_channel(channel) if channel else declared
 
     def check(self) -> None:
         """Raise `InputError` for a free parameter that does not exist."""
@@ -89,10 +87,7 @@ class Structure:
     def scale(self) -> np.ndarray:
         """Typical change of each free parameter in its fit coordinate, (g,)."""
         sizes = []
-        for name, p in zip(self.free, self.declarations, strict=True):
-            if name.startswith("sensor_bias:"):
-                sizes.append(_BIAS[UNITS[name.rpartition(".")[0].partition(":")[2]]])
-                continue
+        for p in self.declarations:
             neutral = 0.0 if np.isinf(p.default) else p.to_fit(p.default)
             typical = p.typical if p.typical else 0.1 * abs(p.default) or 1.0
             sizes.append(abs(p.to_fit(typical)) if neutral == 0.0 else typical)
@@ -206,26 +201,19 @@ class Structure:
         return P
 
     @cached_property
-    def sensors(self) -> dict[str, list[tuple[str, int | float]]]:
-        """Sensor faults by channel: (parameter name, index in theta, or its fixed value)."""
-        faults: dict[str, list[tuple[str, int | float]]] = {}
-        for name, values in self.model.effects.items():
-            base, _, channel = name.partition(":")
-            if channel:
-                for parameter, value in values.items():
-                    full = f"{name}.{parameter}"
-                    faults.setdefault(channel, []).append((base, self.free.index(full) if full in self.free else value))
-        return faults
+    def sensors(self) -> Sensors:
+        """What the model's sensors make of the truth."""
+        return Sensors.of(self.model)
 
-    def sensor_values(self, channel: str, thetas: np.ndarray) -> dict[str, np.ndarray]:
-        """Fault parameters of a channel, by effect name, for each row of ``thetas``."""
-        result = {}
-        for base, where in self.sensors.get(channel, ()):
-            if isinstance(where, int):
-                result[base] = thetas[:, where] * self.scale[where]
-            else:
-                result[base] = np.full(len(thetas), where)
-        return result
+    def faults(self, thetas: np.ndarray) -> np.ndarray:
+        """The sensors' parameter vectors (j, k) for each row of ``thetas`` (j, g)."""
+        names = self.sensors.parameters
+        p = np.tile(self.sensors.vector, (len(thetas), 1))
+        for k, name in enumerate(self.free):
+            if name in names:
+                declared, s = self.declarations[k], self.scale[k]
+                p[:, names.index(name)] = [declared.from_fit(u) for u in thetas[:, k] * s]
+        return p
 
     def plus(self, name: str, values: Mapping[str, object] | None = None, free: Sequence[str] | None = None) -> Structure:
         """This structure with one more effect started at ``values`` (where it vanishes otherwise), ``free`` of its parameters

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.model import Model, Pulses
-from ..core.state import COORDINATES, INDEX, MOVING, OUTPUTS, RATES, STATES
+from ..core.sensors import Past, Sensors
+from ..core.state import CHANNEL, COORDINATES, INDEX, MOVING, OUTPUTS, RATES, STATES
 from ..estimation.response import STATE_STEPS
 
 #: Longest interval (s) over which the force acts as one kick at either end.
@@ -26,6 +27,8 @@ ITERATIONS = 8
 LARGE = 3.0
 #: Ratio of the normal matrix's eigenvalues below which some unknown shows in nothing that was measured.
 SINGULAR = 1e-12
+#: A sensor's state that shows by less than this part of the noise when it is moved by all of it shows not at all.
+UNSEEN = 1e-6
 #: Measured values for each unknown, below which a window is not judged.
 LEAST = 3
 
@@ -64,7 +67,7 @@ class WindowFit:
         self.forces = [i for i, c in enumerate(COORDINATES) if c in moving]
         p = model.parameters
         self._inverse_inertia = np.array([1 / p["mass"]] * 3 + [1 / p["roll_inertia"]]) * model.moving
-        self._sensors = _Sensors(model)
+        self._sensors = Sensors.of(model)
 
     def fit(self, samples: Samples, sigma: np.ndarray, pulses: Pulses | None = None, origin: float = 0.0) -> Fit | None:
         """The fit, or None where the samples cannot carry one. ``sigma`` (8,) is the noise of the eight states."""
@@ -74,8 +77,8 @@ class WindowFit:
         if len(time) < LEAST * (s + f):
             return None
         weight = 1.0 / sigma[column]
-        reading = self._sensors.reading(time, column)
-        grid = _grid(reading.times)
+        reading = _Reading(self._sensors, time, column)
+        grid = reading.grid
         run = _Run(self.model, grid, pulses, origin, self._inverse_inertia)
 
         def look(x: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -87,8 +90,10 @@ class WindowFit:
             for j, i in enumerate(self.forces):
                 forces[1 + s + j, i] += FORCE_STEPS[i]
             out = run(xs, forces)
-            predicted = reading.read(out, grid) * weight
-            return out[0], value * weight - predicted[0], ((predicted[1:] - predicted[0]) / steps[:, None]).T
+            predicted = reading.read(out) * weight
+            free = reading.own_states(out[0]) * weight[:, None]
+            left, slopes = value * weight - predicted[0], ((predicted[1:] - predicted[0]) / steps[:, None]).T
+            return out[0], _beside(free, left), _beside(free, slopes)
 
         x, force = _guess(grid[0], time, column, value), np.zeros(4)
         found = self._descend(look, x, force, s)  # the model's own run
@@ -173,43 +178,66 @@ class _Run:
         return out
 
 
-class _Sensors:
-    """The model's sensor effects (delay, scale, bias, a user's own), by output column."""
-
-    def __init__(self, model: Model) -> None:
-        self._of: dict[int, list] = {}
-        for name, parameters in model.effects.items():
-            base, colon, channel = name.partition(":")
-            if colon:
-                self._of.setdefault(INDEX[channel], []).append((model.known_effects[base], parameters))
-
-    def reading(self, time: np.ndarray, column: np.ndarray) -> _Reading:
-        times, after = time.copy(), []
-        for c, effects in self._of.items():
-            mine = column == c
-            for effect, parameters in effects:
-                function = np.vectorize(effect.function, otypes=[float])  # may be a user's, with an if in it
-                if effect.targets == ("sample_time",):
-                    times[mine] = function(sample_time=times[mine], **parameters) if mine.any() else times[mine]
-                elif mine.any():
-                    after.append((mine, function, parameters))
-        return _Reading(np.round(times, 9), column, after)
-
-
-@dataclass(frozen=True)
 class _Reading:
-    """At which ``times`` each sample's sensor saw its ``column``, and what it makes of it."""
+    """What the model's sensors read at each sample; ``grid`` are the times of the truth that this takes.
 
-    times: np.ndarray
-    column: np.ndarray
-    after: list
+    How the states of a sensor stood when the window began, nobody knows: they settle on what is read then, and what they
+    may do beside that (`own_states`) is no evidence.
+    """
 
-    def read(self, out: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    def __init__(self, sensors: Sensors, time: np.ndarray, column: np.ndarray) -> None:
+        self.sensors, self.time, self.column = sensors, time, column
+        ends = [time.min(), time.max()]
+        self._faulty: dict[str, np.ndarray] = {}
+        for channel in sensors.channels:
+            mine = np.flatnonzero(column == INDEX[channel])
+            if mine.size:
+                self._faulty[channel] = mine[np.argsort(time[mine], kind="stable")]
+                looks_at = sensors.true_times(channel, time[mine])
+                ends += [looks_at.min(), looks_at.max()]
+        self.grid = _grid(np.concatenate([time, [min(ends), max(ends)]]))
+        self._row = np.searchsorted(self.grid, time)
+
+    def read(self, out: np.ndarray) -> np.ndarray:
         """Readings (j, n) of simulated outputs (j, g, 15)."""
-        values = out[:, np.searchsorted(grid, self.times), self.column]
-        for mine, function, parameters in self.after:
-            values[:, mine] = function(measured=values[:, mine], **parameters)
+        values = out[:, self._row, self.column]
+        for channel, mine in self._faulty.items():
+            values[:, mine] = self.sensors.read(channel, self.time[mine], self.grid, out, past=self._settled(channel, out[0]), held=True)
         return values
+
+    def own_states(self, out: np.ndarray) -> np.ndarray:
+        """Change of the readings (n, k) of one run (g, 15) with each state of each sensor at the window's begin."""
+        columns = []
+        for channel, mine in self._faulty.items():
+            if count := self.sensors.states(channel):
+                begin = self._settled(channel, out)
+                moved = Past(begin.time, begin.states + np.vstack([np.zeros(count), CHANNEL[channel].noise * np.eye(count)]))
+                which = np.zeros(count + 1, np.int64)
+                values = self.sensors.read(channel, self.time[mine], self.grid, out[None], which=which, past=moved, held=True)
+                column = np.zeros((len(self.time), count))
+                column[mine] = (values[1:] - values[0]).T
+                columns.append(column)
+        return np.hstack(columns) if columns else np.zeros((len(self.time), 0))
+
+    def _settled(self, channel: str, run: np.ndarray) -> Past | None:
+        if not self.sensors.states(channel):
+            return None
+        begin = self.time[self._faulty[channel][:1]]
+        return self.sensors.go_on(channel, begin, np.append(begin, begin + 1.0), _held(self.grid, run, begin), None)[1]
+
+
+def _held(grid: np.ndarray, run: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """The outputs (2, 15) of a run (g, 15) at the grid's point ``begin`` (1,), twice."""
+    return run[np.searchsorted(grid, begin.repeat(2))]
+
+
+def _beside(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """What of ``rows`` (n,) or (n, m) is not in the span of ``columns`` (n, k)."""
+    if not columns.shape[1]:
+        return rows
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = basis[:, sizes > UNSEEN * len(sizes)]
+    return rows - basis @ (basis.T @ rows)
 
 
 def _grid(times: np.ndarray) -> np.ndarray:

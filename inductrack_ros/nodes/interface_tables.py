@@ -14,7 +14,8 @@ import rclpy
 from rclpy.qos import ReliabilityPolicy
 
 from ..core.parameters import PARAMETERS, Parameter
-from . import monitor, play, record, sensors
+from ..core import rig
+from . import monitor, play, record
 from .domain import claim_domain
 from .parameters import MODEL_OPTIONS, Option
 from .sim import LIVE as SIM_LIVE
@@ -60,7 +61,7 @@ _OURS_NOT = ("/rosout", "/parameter_events")
 def text() -> str:
     """All tables, as Markdown."""
     model = {**PARAMETERS, **MODEL_OPTIONS}
-    own = {n: p for n, p in OWN.items() if n not in sensors.declared()}
+    own = {n: p for n, p in OWN.items() if n not in rig.declared()}
     shared = [n for n in DECLARED if n in PARAMETERS]
     return "\n\n".join(
         [
@@ -69,7 +70,7 @@ def text() -> str:
             "**Services** of `sim`\n\n" + _services(),
             "**Parameters of `sim`**; those with * may change while it runs\n\n" + _parameters(own, SIM_LIVE),
             "Its sensors, all *: SENSOR is "
-            + ", ".join(f"`{s}`" for s in sensors.SENSORS)
+            + ", ".join(f"`{s}`" for s in rig.SENSORS)
             + "; CHANNEL what they deliver.\n\n"
             + _sensors(),
             "The model's, of `sim` as well; those of effects are in [docs/effects.md](docs/effects.md), `EFFECT.PARAMETER`, all *\n\n"
@@ -169,7 +170,7 @@ def _row(name: str, one: Parameter | Option) -> str:
 def _sensors() -> str:
     """One row for each kind of sensor parameter, with the values of all channels where they differ."""
     kinds: dict[str, dict[str, Parameter]] = {}
-    for name, one in sensors.declared().items():
+    for name, one in rig.declared().items():
         _, who, kind = name.split(".")
         kinds.setdefault(kind, {})[who] = one
     rows = []
@@ -187,7 +188,7 @@ def _sensors() -> str:
 
 
 def _monitor() -> str:
-    own = {n: p for n, p in monitor.OWN.items() if n not in sensors.declared()}
+    own = {n: p for n, p in monitor.OWN.items() if n not in rig.declared()}
     noise = "| `measured.CHANNEL.noise` | as `sim`'s | | standard deviation of the noise; a larger one found is used, a smaller one is not |"
     return _parameters(own, set()) + "\n" + noise
 

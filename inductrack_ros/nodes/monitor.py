@@ -14,6 +14,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from threadpoolctl import threadpool_limits
 
 from .. import frames
+from ..core import rig
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.options import MODEL_OPTIONS, is_of_the_node
@@ -21,13 +22,12 @@ from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import COORDINATES, RATES, STATES
 from ..monitoring.monitor import Monitor, Window
 from ..reports.words import sized
-from . import sensors
 from .diagnostics import PERIOD, Diagnostics
 from .parameters import Option, declare, effect_parameters, given, plain, refuse_unknown, with_values
 from .runtime import DEPTH, NAMESPACE, every, run
 from .topics import fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
 
-_NOISE = {f"measured.{s}.noise": sensors.declared()[f"measured.{s}.noise"] for s in STATES}
+_NOISE = {f"measured.{s}.noise": rig.declared()[f"measured.{s}.noise"] for s in STATES}
 OWN = {
     "window": Parameter(0.1, "s", 0.01, 2.0, "length of the windows; a longer one shows smaller forces, later"),
     "memory": Parameter(60.0, "s", 1.0, 3600.0, "how far back the verdict looks"),

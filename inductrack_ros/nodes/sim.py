@@ -6,6 +6,7 @@ import math
 import sys
 import time
 
+import numpy as np
 from geometry_msgs.msg import PointStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -14,11 +15,12 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
+from ..core import rig
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.options import MODEL_OPTIONS, SIM
 from ..core.parameters import PARAMETERS
-from . import sensors
+from ..core.state import OUTPUTS
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
 from .parameters import declare, effect_parameters, given, plain, refuse_unknown, with_values
@@ -26,8 +28,8 @@ from .runtime import DEPTH, NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
 from .topics import SimulatorTopics, channels, nanoseconds_of, stamp_of
 
-OWN = {**SIM, **sensors.declared()}
-LIVE = {"speed_factor", "lockstep_timeout", "command_timeout", *PARAMETERS, *sensors.declared()}
+OWN = {**SIM, **rig.declared()}
+LIVE = {"speed_factor", "lockstep_timeout", "command_timeout", *PARAMETERS, *rig.declared()}
 LONGEST_BATCH = 0.05  # s of real time spent on ticks before services and commands get their turn
 LONGEST_DEBT = 0.1  # s of real time that the simulation may lag and still catch up
 CATCH_UP = 2  # times the asked speed, at most, while it does: commands must get their turn between ticks
@@ -55,7 +57,7 @@ class SimNode(Node):
         self.queue = PulseQueue(coils, options["max_pulse_current"], self.model.parameters["pulse_length"])
         initial = parse_initial_state(options["initial_state"])
         self.simulation = Simulation(self.model, initial, options["rate"], self.queue)
-        self.sensors = sensors.SensorModel(options, self.model, options["seed"])
+        self.sensors = rig.Rig(options, self.model, options["seed"])
         own_time = options["publish_clock"] or options["lockstep"]
         self._epoch = 0 if own_time else None  # ns at simulated time 0; None: the time of the start or reset
 
@@ -151,11 +153,9 @@ class SimNode(Node):
         self._topics.clock(stamp)
         self._topics.state(stamp, x)
         truth = channels(x, simulation.quantities())
-        self.sensors.remember(simulation.time, truth)
-        for sensor in self.sensors.due(simulation.time, 1.0 / simulation.rate):
-            reading = self.sensors.sample(sensor, simulation.time)
-            if reading is not None:
-                self._topics.measured(stamp, sensor, reading, x[3], self.model.parameters["gravity"])
+        for s in self.sensors.step(simulation.time, np.array([truth[c] for c in OUTPUTS]), 1.0 / simulation.rate):
+            measured_at = stamp_of(self._zero + round(s.time * 1e9))
+            self._topics.measured(measured_at, s.sensor, s.reading, s.roll, self.model.parameters["gravity"])
         touching = min(truth["gap_top"], truth["gap_right"], truth["gap_left"]) < 0.0
         self.contacts += touching and not self._in_contact
         self._in_contact = touching
@@ -271,9 +271,9 @@ class SimNode(Node):
             self.simulation.change(model)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        self.model = self.sensors.model = model
+        self.model = model
         self._options.update(values)
-        self.sensors.values.update({n: v for n, v in values.items() if n.startswith("measured.")})
+        self.sensors.change(self._options, model)
         if "speed_factor" in values:
             self._resume()
         return SetParametersResult(successful=True)
@@ -281,7 +281,7 @@ class SimNode(Node):
     # -- what it says ---------------------------------------------------------------------------------------------
 
     def _force_effects(self) -> list[str]:
-        return [name for name in self.model.effects if ":" not in name]
+        return [name for name in self.model.effects if not self.model.known_effects[name.partition(":")[0]].of_sensor]
 
     def _say_what_runs(self) -> None:
         effects = ", ".join(self.model.effects) or "none"

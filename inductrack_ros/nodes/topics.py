@@ -17,11 +17,11 @@ from sensor_msgs.msg import Imu, Range
 from visualization_msgs.msg import Marker, MarkerArray
 
 from .. import frames
+from ..core.rig import SENSORS
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
 from .drive import Pulse
 from .runtime import DEPTH
 from .scene import scene
-from .sensors import SENSORS
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -30,6 +30,7 @@ from pathlib import Path
 
 from ..errors import InputError, did_you_mean
 from ..parameters import Parameter
+from ..state import CHANNELS
 
 __all__ = ["Effect", "Parameter", "catalogue", "effect", "load_effects"]
 
@@ -37,6 +38,8 @@ __all__ = ["Effect", "Parameter", "catalogue", "effect", "load_effects"]
 FORCES = ("force_surge", "force_sway", "force_heave", "moment_roll")
 #: What a sensor effect may change: the reading, and the time at which it was true.
 READINGS = ("measured", "sample_time")
+#: What one of several channels may change: ``measured_heave``, ….
+READINGS_OF = tuple(f"measured_{c}" for c in CHANNELS)
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Effect:
     integration step while the effect is on, and a tenth of the parameter named by ``max_travel`` (m), over which the
     effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged`` or the ``pulses`` drive;
     ``canonical`` picks one of the parameter sets that do the same;
-    ``of_channel`` marks a sensor effect, used as ``name:channel``.
+    ``of_sensor`` marks the effect of a sensor, ``of_channel`` one of one channel, used as ``name:channel``.
     """
 
     name: str
@@ -65,8 +68,18 @@ class Effect:
 
     @property
     def of_channel(self) -> bool:
-        """Whether this is a sensor's fault, not the cradle's."""
+        """Whether this is the fault of one channel's sensor, not the cradle's."""
         return self.targets[0] in READINGS
+
+    @property
+    def of_sensor(self) -> bool:
+        """Whether this is a sensor's fault, of one channel or of several."""
+        return self.of_channel or self.targets[0] in READINGS_OF
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that it changes itself; none for an effect of the cradle, or of one channel."""
+        return tuple(t.removeprefix("measured_") for t in self.targets) if self.targets[0] in READINGS_OF else ()
 
     @property
     def summary(self) -> str:
@@ -104,8 +117,7 @@ def effect(
         targets = (targets,) if isinstance(targets, str) else tuple(targets)
         if adds and (wrong := [t for t in targets if t not in FORCES]):
             raise InputError(f"effect '{name}' adds to '{wrong[0]}'; an effect may add to {', '.join(FORCES)}")
-        if any(t in READINGS for t in targets) and len(targets) > 1:
-            raise InputError(f"effect '{name}': a sensor effect changes {' or '.join(READINGS)} and nothing else")
+        _check_sensor(name, targets, states or {})
         arguments = inspect.signature(function).parameters
         if odd := [a.name for a in arguments.values() if a.kind is not a.POSITIONAL_OR_KEYWORD]:
             raise InputError(f"effect '{name}': '{odd[0]}' is not a plain argument; name each quantity it needs")
@@ -122,6 +134,17 @@ def effect(
         return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened, canonical)
 
     return declare
+
+
+def _check_sensor(name: str, targets: tuple[str, ...], states: Mapping[str, str]) -> None:
+    """Raise `InputError` where an effect of a sensor does what those may not."""
+    if not any(t in (*READINGS, *READINGS_OF) for t in targets):
+        return
+    several = all(t in READINGS_OF for t in targets)
+    if not several and len(targets) > 1:
+        raise InputError(f"effect '{name}': a sensor effect changes {' or '.join(READINGS)} and nothing else, or measured_<channel> of several")
+    if states and targets != ("measured",):
+        raise InputError(f"effect '{name}': of the effects of sensors only one that changes 'measured' may carry states")
 
 
 def _effects_in(module: types.ModuleType) -> list[Effect]:

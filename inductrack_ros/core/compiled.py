@@ -1,0 +1,244 @@
+"""Effects as machine code, kept on disk: what `kernel` and `sensor_kernel` have in common.
+
+Either writes the text of a Python module in which the effects' functions are called; here the module is loaded, its
+functions are compiled, and the result is kept under a hash of everything that went in, so a changed effect is a new
+module and never a stale one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.util
+import os
+import platform
+import re
+import shutil
+import sys
+import tempfile
+import time
+import types
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from . import effects as effects_package
+from .effects import Effect
+from .errors import InputError
+
+#: Compiled modules unused for so long are thrown away when a new one is compiled.
+KEPT_DAYS = 90
+_MODULE = "inductrack_kernel.py"
+
+_modules: dict[str, types.ModuleType] = {}
+
+
+def load(
+    text: str,
+    items: Sequence[Effect],
+    warm_up: Callable[[types.ModuleType], None],
+    flags: Sequence[str] = (),
+    announce: Callable[[str], None] | None = None,
+) -> types.ModuleType:
+    """The module of ``text``, in which item i's compiled function stands as ``effect_i``; one for each text and functions.
+
+    ``warm_up`` calls what is to be compiled now; ``flags`` are arguments that are true or false; ``announce`` is told
+    where compiling will take its time. Raises `InputError` for an effect that numba cannot compile.
+    """
+    ingredients = [text, numba.__version__, np.__version__, sys.version, platform.processor(), platform.machine()]
+    ingredients += [fingerprint(e.function, set()) for e in items]
+    key = hashlib.sha256("\n".join(ingredients).encode()).hexdigest()[:20]
+    if key in _modules:
+        return _modules[key]
+    folder = cache_folder() / key
+    path = folder / _MODULE
+    fresh = not path.exists()
+    with contextlib.suppress(OSError):
+        os.utime(path)  # what is used is kept
+    if fresh:  # written aside and renamed, for two processes may start at once
+        folder.mkdir(exist_ok=True)
+        aside = folder / f"kernel.{os.getpid()}.tmp"
+        aside.write_text(text)
+        os.replace(aside, path)
+        prune(folder.parent)
+    name = f"inductrack_kernel_{key}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    done: dict[int, Callable] = {}
+    for i, item in enumerate(items):
+        setattr(module, f"effect_{i}", _jit(item.function, name, done))
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    kept = any(folder.glob("__pycache__/*.nbc"))
+    if not kept:
+        for i, item in enumerate(items):
+            if not _is_ours(item):
+                _check_alone(item, getattr(module, f"effect_{i}"), flags)
+        if announce:
+            announce("compiling the model, once for this set of effects …")
+    try:
+        warm_up(module)
+    except numba.core.errors.NumbaError as error:
+        names = ", ".join(e.name for e in items)
+        raise InputError(f"the effects {names} do not compile together: {_reason(error)}") from error
+    except Exception:
+        if not kept:
+            raise
+        shutil.rmtree(folder, ignore_errors=True)  # what was kept is damaged
+        return load(text, items, warm_up, flags, announce)
+    _modules[key] = module
+    return module
+
+
+def _plain(value: object) -> object:
+    """The Python function behind an effect or a jitted function; anything else as it is."""
+    value = value.function if isinstance(value, Effect) else value
+    return getattr(value, "py_func", value)
+
+
+def _jit(function: Callable, home: str, done: dict[int, Callable]) -> Callable:
+    """``function`` for numba, together with the plain Python functions it calls.
+
+    What comes back belongs to the module named ``home``: compiled code is loaded by its module's name, and that of a
+    user's file differs where the effect does not (another folder, another remark).
+    """
+    if id(function) in done:
+        return done[id(function)]
+    options = {"nopython": True, "nogil": True, "error_model": "numpy"} | getattr(function, "targetoptions", {})
+    plain = _plain(function)
+    names = plain.__globals__ | {"__name__": home}
+    cells = [types.CellType(c.cell_contents) for c in plain.__closure__ or ()]
+    copy = types.FunctionType(plain.__code__, names, plain.__name__, plain.__defaults__, tuple(cells))
+    done[id(function)] = compiled = numba.jit(**options)(copy)
+
+    def helper(value: object) -> object:
+        return _jit(value, home, done) if isinstance(_plain(value), types.FunctionType) else value
+
+    for name in _names_in(plain.__code__) & set(names):
+        names[name] = helper(names[name])
+    for cell in cells:
+        cell.cell_contents = helper(cell.cell_contents)
+    return compiled
+
+
+def _names_in(code: types.CodeType) -> set[str]:
+    return set(code.co_names).union(*(_names_in(c) for c in code.co_consts if isinstance(c, types.CodeType)))
+
+
+def fingerprint(function: Callable, seen: set[int]) -> str:
+    """What a function does: its code and everything its code refers to, so that an edit anywhere shows."""
+    function = _plain(function)
+    if id(function) in seen:
+        return ""
+    seen.add(id(function))
+    parts = []
+
+    def code(c: types.CodeType) -> None:
+        parts.append(c.co_code.hex())
+        for constant in c.co_consts:
+            code(constant) if isinstance(constant, types.CodeType) else parts.append(repr(constant))
+        parts.append(repr((c.co_names, c.co_varnames, c.co_freevars)))
+        modules = [m for n in c.co_names if isinstance(m := function.__globals__.get(n), types.ModuleType)]
+        for name in c.co_names:
+            describe(name, function.__globals__.get(name))
+            for module in modules:  # helper.rate, say; of numpy and math the version counts, see `build`
+                describe(f"{module.__name__}.{name}", getattr(module, name, None))
+
+    def describe(name: str, value: object) -> None:
+        if isinstance(value, np.ndarray):
+            parts.append(f"{name}={value.dtype}{value.shape}{value.tobytes().hex()}")
+        elif isinstance(_plain(value), types.FunctionType):
+            parts.append(name + fingerprint(value, seen))
+        elif not isinstance(value, types.ModuleType):
+            parts.append(f"{name}={value!r}")
+
+    code(function.__code__)
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        describe(name, cell.cell_contents)
+    return "|".join(parts)
+
+
+def mark(text: str, options: str, *names: str) -> str:
+    """``text`` with these of its functions handed to numba."""
+    for name in names:
+        text = text.replace(f"\ndef {name}(", f"\n@njit(nogil=True, error_model='numpy', {options})\ndef {name}(", 1)
+    return text
+
+
+def cache_folder() -> Path:
+    """Where compiled kernels are kept: ``$INDUCTRACK_CACHE``, else the user's cache folder, else a temporary one."""
+    temporary = Path(tempfile.gettempdir()) / f"inductrack_ros-{os.getuid()}"
+    for folder in (
+        os.environ.get("INDUCTRACK_CACHE"),
+        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "inductrack_ros",
+        temporary,
+    ):
+        if folder:
+            try:
+                Path(folder).mkdir(0o700, parents=True, exist_ok=True)
+                if folder == temporary and (folder.is_symlink() or folder.stat().st_uid != os.getuid()):
+                    continue  # anybody may make a folder there, and what is in it would be run
+                with tempfile.TemporaryFile(dir=folder):
+                    return Path(folder)
+            except OSError:
+                continue
+    raise InputError("no folder to keep compiled code in; set INDUCTRACK_CACHE to one that can be written")
+
+
+def prune(folder: Path) -> None:
+    """Drop kernels that nobody has loaded for `KEPT_DAYS`."""
+    for path in folder.glob(f"*/{_MODULE}"):
+        with contextlib.suppress(OSError):  # another process may be at it
+            if path.stat().st_mtime < time.time() - KEPT_DAYS * 86400:
+                shutil.rmtree(path.parent)
+
+
+def _is_ours(item: Effect) -> bool:
+    return item.function.__module__.startswith(effects_package.__name__)
+
+
+def place_of(item: Effect) -> str:
+    """Who is at fault, at the head of a message: file and line too where the effect is the user's."""
+    code = item.function.__code__
+    return f"effect '{item.name}'" if _is_ours(item) else f"{code.co_filename}, line {code.co_firstlineno}: effect '{item.name}'"
+
+
+def _check_alone(item: Effect, function: Callable, flags: Sequence[str]) -> None:
+    """Compile one effect for numbers and look at what it returns, so that an error names it and comes at once."""
+    number, flag = numba.float64, numba.boolean
+    own = set(item.parameters) | set(item.states)
+    tables = {p for p, d in item.parameters.items() if d.count > 1}
+    signature = tuple(
+        flag if a in flags and a not in own else number[::1] if a in tables else number for a in item.arguments
+    )
+    try:
+        function.compile(signature)
+    except Exception as error:  # numba has many; all are about this function's text
+        raise InputError(f"{place_of(item)} cannot be compiled: {_reason(error)}; use numbers, math functions and if") from error
+    returned = function.overloads[signature].signature.return_type
+    given = list(returned) if isinstance(returned, numba.types.BaseTuple) else [returned]
+    wanted = [*item.targets, *(f"rate of {s}" for s in item.states)]
+    real = (numba.types.Float, numba.types.Integer, numba.types.Boolean)
+    if isinstance(returned, numba.types.NoneType | numba.types.Optional):
+        problem = "does not always return a value"
+    elif len(given) != len(wanted) or (len(wanted) == 1 and given[0] is not returned):
+        problem = f"returns {len(given)} values"
+    elif any(not isinstance(g, real) for g in given):
+        problem = f"returns {returned}, not real numbers"
+    else:
+        return
+    raise InputError(f"{place_of(item)} {problem}; it must return {len(wanted)}: {', '.join(wanted)}")
+
+
+def _reason(error: Exception) -> str:
+    """The line of a compiler's message that tells a user what to change, with its place."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    noise = ("Failed in ", "During:", "File ", "There are ", "- ", "This error")
+    told = [line for line in lines if not line.startswith(noise)]
+    place = re.search(r'File "[^"]*", line (\d+)', text)
+    told = told or lines or [type(error).__name__]
+    reason = " ".join(told[:2] if told[0].endswith("signature:") else told[:1]).rstrip(".:")[:200]  # what it was called with
+    return reason + (f" (line {place[1]})" if place else "")
