@@ -19,6 +19,7 @@ SAMPLE = Path(__file__).resolve().parent.parent / "examples" / "sample_campaign"
 SECONDS = 6.0
 LOCKSTEP = ("-p", "lockstep:=true")  # the same on a busy machine, where real time would be missed
 PATIENCE = 120.0  # s; the first start compiles the model
+LEAVE = 30.0  # s after Ctrl-C; a node needs less than 15, whatever the middleware does
 
 
 def main() -> int:
@@ -50,14 +51,13 @@ def record(folder: Path) -> str:
             node("sim", log, "--ros-args", "-p", "drive:=pulses", "-p", "initial_state:=surge_rate=15.0", "-p", "listeners:=2", *LOCKSTEP),
         ]
         try:
-            nodes[0].wait(PATIENCE)
+            status = nodes[0].wait(PATIENCE)
         except subprocess.TimeoutExpired:
-            raise TimeoutError(f"nothing was recorded; see {folder / 'nodes.log'}") from None
+            raise TimeoutError(f"nothing was recorded in {PATIENCE:g} s; see {folder / 'nodes.log'}") from None
         finally:
-            for process in nodes:
-                process.send_signal(signal.SIGINT)
-            for process in nodes:
-                process.wait(PATIENCE)
+            end(nodes)
+    if status:
+        raise InputError(f"the recording failed with status {status}; see {folder / 'nodes.log'}")
     truth = {"pose": "/inductrack/pose", "twist": "/inductrack/twist"}
     run = read_bag(folder / "bag", {**truth, **dict.fromkeys(("imu", "gap_top", "gap_right", "gap_left"))})
     speed = run.values[:, run.channels.index("surge_rate")]
@@ -69,8 +69,20 @@ def record(folder: Path) -> str:
     )
 
 
+def end(processes: list[subprocess.Popen]) -> None:
+    """Ctrl-C for each; what does not end by itself is killed, for the bag is complete once the recorder has ended."""
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+    for process in processes:
+        try:
+            process.wait(LEAVE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
 def node(name: str, log: object, *options: object) -> subprocess.Popen:
-    command = [sys.executable, "-m", f"inductrack_ros.nodes.{name}", *map(str, options)]
+    command = [sys.executable, "-m", "inductrack_ros.nodes.start", name, *map(str, options)]
     return subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | {"PYTHONUNBUFFERED": "1"})
 
 

@@ -130,6 +130,24 @@ def test_pulses_count():
         assert monitor.status()[1].startswith(verdict)
 
 
+@pytest.mark.parametrize("drive", ["averaged", "pulses"])
+def test_nothing_is_compiled_once_windows_come(drive):
+    """A slice that was not contiguous had the kernel compiled anew in the first window: `monitor` was deaf for seconds."""
+    model = Model.create(drive=drive, effects={"magnet_warming": {}, "sensor_delay:heave": {}})
+    functions = model.kernel.simulate_batch, model.kernel.evaluate  # what the node warms up
+    for function in functions:
+        function.disable_compile()  # for layouts that are not compiled yet: it is a TypeError then
+    try:
+        monitor = Monitor(model, NOISE)
+        monitor.pulse(10**9, 7.0, 7000.0, True)
+        windows = feed(monitor, *measured(seconds=0.4))
+    finally:
+        for function in functions:
+            function.disable_compile(False)
+    assert len(windows) == 3 and all(window.fit is not None for window in windows)
+    assert all(len(function.signatures) == 1 for function in functions)
+
+
 def test_nothing_upsets_it():
     """NaN, holes, a standstill of the clock, disorder, resets, impacts, worse sensors: counted, never an alarm or a NaN."""
     monitor, random = Monitor(Model.default().with_changes({"drive_current": 0.0}), NOISE), np.random.default_rng(0)

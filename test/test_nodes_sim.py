@@ -20,7 +20,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from inductrack_ros import frames
 from inductrack_ros.core.model import Model
-from inductrack_ros.nodes import start
 from inductrack_ros.nodes.topics import nanoseconds_of, pulse_message, stamp_of
 
 MY_EFFECT = Path(__file__).parent.parent / "examples" / "my_effect.py"
@@ -246,9 +245,6 @@ def test_another_namespace(ros):
     assert sim.stop() == 0
 
 
-def test_help_does_not_start_a_node(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["sim", "-h"])
-    monkeypatch.setattr(start, "STOP", start.Stop())
-    monkeypatch.setattr(start.Stop, "listen", lambda self: None)
-    assert start.sim() == 0
-    assert "the cradle in real time" in capsys.readouterr().out
+def test_help_does_not_start_a_node(ros):
+    sim = ros.start("sim", "-h")
+    assert sim.wait() == 0 and "the cradle in real time" in sim.output and "[INFO]" not in sim.output

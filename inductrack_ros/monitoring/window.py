@@ -164,16 +164,17 @@ class _Run:
         origin, averaged = np.full(jobs, self.origin), model.drive == "averaged"
         acceleration = force * self.inverse_inertia
         out = np.empty((jobs, len(self.grid), len(OUTPUTS)))
+        here = np.empty((jobs, 1, len(OUTPUTS)))  # contiguous: for a slice of `out` the kernel would be compiled anew
         kick = np.zeros_like(acceleration)
         before = self.grid[0]
         for k, time in enumerate(self.grid):
             half = 0.5 * (time - before) * acceleration
             state[:, 4:8] += kick + half
-            here = out[:, k : k + 1]
             model.kernel.simulate_batch(
                 self.grid[k : k + 1], before, state, P, on, model.moving, origin, averaged, *self.pulses, 1.0, here
             )
-            here[:, 0, 4:8] += half
+            out[:, k] = here[:, 0]
+            out[:, k, 4:8] += half
             kick, before = half, time
         return out
 

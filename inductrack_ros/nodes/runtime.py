@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..core.errors import InputError
 from .domain import reach, stay_local
-from .start import STOP
+from .ending import GRACE, STOP, Deadline
 
 _ROS_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 NAMESPACE = "inductrack"  # of every node, unless `--ros-args -r __ns:=/other` says otherwise
@@ -34,31 +34,38 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """
     STOP.listen()
     stay_local()
-    node = None
+    node, status = None, 1
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        node.get_logger().info(reach())
-        STOP.running = True
-        while not STOP.asked and not getattr(node, "finished", False):
-            executor.spin_once(timeout_sec=0.1)
-        executor.remove_node(node)
+        _spin(node)
+        status = 0
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 2
+        status = 2
     except _ROS_ERRORS as error:
         print(f"error: ROS 2 does not start: {_one_line(error)}", file=sys.stderr)
-        return 2
+        status = 2
     finally:
+        STOP.left()
         if node is not None:
-            close = getattr(node, "close", None)
-            if close:
-                close()
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return int(getattr(node, "exit_status", 0))
+            getattr(node, "close", lambda: None)()  # first: what is recorded must be safe
+            status = status or getattr(node, "exit_status", 0)
+        with Deadline(GRACE, status):
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+    return status
+
+
+def _spin(node: Node) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    node.get_logger().info(reach())
+    STOP.running = True
+    while not STOP.asked and not getattr(node, "finished", False):
+        executor.spin_once(timeout_sec=0.1)
+    executor.remove_node(node)
 
 
 def _one_line(error: Exception) -> str:

@@ -1,38 +1,31 @@
-"""Entry points of the nodes: signals are minded before the slow imports, so that an early Ctrl-C is quiet too."""
+"""Entry points of the nodes: signals are minded before the slow imports, so that an early Ctrl-C is quiet too.
+
+    python -m inductrack_ros.nodes.start NAME …                 as the command NAME
+"""
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
+import traceback
 from importlib import import_module
 
-
-class Stop:
-    """What SIGINT and SIGTERM do: end at once while a node starts, ask it to stop once it runs.
-
-    Later ones change nothing: a launched node gets Ctrl-C twice.
-    """
-
-    def __init__(self) -> None:
-        self.running = False
-        self.asked = False
-
-    def listen(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
-
-    def _ask(self, *_: object) -> None:
-        if not self.running:
-            os._exit(0)  # nothing is open yet; an exception would have to find its way out of imports and compilers
-        self.asked = True
+from .ending import STOP, leave
 
 
-STOP = Stop()
-
-
-def _run(module: str) -> int:
+def _run(module: str) -> None:
+    """Run the node of this name; the process ends with its status."""
     STOP.listen()
+    try:
+        status = _main(module)
+    except SystemExit as error:  # of the options' parser, which has said why
+        status = error.code if isinstance(error.code, int) else int(error.code is not None)
+    except BaseException:
+        traceback.print_exc()
+        status = 1
+    leave(status)
+
+
+def _main(module: str) -> int:
     node = import_module(f".{module}", __package__)
     if {"-h", "--help"} & set(sys.argv[1:]) and not hasattr(node, "parse"):  # others have options of their own, and help for them
         print(f"{node.__doc__}\n\nParameters: ros2 param describe, or README.md; set them with --ros-args -p NAME:=VALUE or --params-file FILE.")
@@ -40,26 +33,30 @@ def _run(module: str) -> int:
     return node.main(sys.argv)
 
 
-def sim() -> int:
+def sim() -> None:
     """`sim`."""
-    return _run("sim")
+    _run("sim")
 
 
-def track_controller() -> int:
+def track_controller() -> None:
     """`track_controller`."""
-    return _run("track_controller")
+    _run("track_controller")
 
 
-def record() -> int:
+def record() -> None:
     """`record`."""
-    return _run("record")
+    _run("record")
 
 
-def monitor() -> int:
+def monitor() -> None:
     """`monitor`."""
-    return _run("monitor")
+    _run("monitor")
 
 
-def play() -> int:
+def play() -> None:
     """`play`."""
-    return _run("play")
+    _run("play")
+
+
+if __name__ == "__main__":
+    _run(sys.argv.pop(1))

@@ -1,0 +1,115 @@
+"""Start and stop every node many times under load: how many end clean?
+
+    python benchmarks/starts_and_stops.py [--times 200] [--load 4] [--seed 0]
+
+Each start gets one of SIGINT, SIGTERM, SIGINT twice (as `ros2 launch` sends it) or SIGINT over and over, at a random moment after
+its first log line; `--load` processes spin meanwhile. `record` records what a simulator publishes, so its bag must be whole;
+`play` plays that bag. Clean is: status 0, no traceback, ended within `LIMIT` seconds. Ends with status 1 where one did not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+from rosbags.rosbag2 import Reader
+
+from inductrack_ros.core.state import STATES
+from inductrack_ros.data import write_bag
+from inductrack_ros.nodes.domain import claim_domain
+
+LIMIT = 20.0  # s from the signal to the end
+SIGNALS = {"INT": [signal.SIGINT], "TERM": [signal.SIGTERM], "INT INT": [signal.SIGINT] * 2, "INT …": [signal.SIGINT] * 2000}
+BIN = Path(sys.executable).parent
+
+
+def start(log: Path, name: str, *options: object) -> subprocess.Popen:
+    with log.open("w") as file:
+        return subprocess.Popen([BIN / name, *map(str, options)], stdout=file, stderr=file)
+
+
+def stop(process: subprocess.Popen, signals: list[signal.Signals]) -> int | None:
+    """The status; None for a process that had to be killed."""
+    for number in signals:
+        if process.poll() is not None:
+            break
+        process.send_signal(number)
+        time.sleep(0.001 if len(signals) > 2 else 0.05)
+    try:
+        return process.wait(LIMIT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return None
+
+
+def once(name: str, options: list, folder: Path, chance: random.Random) -> str:
+    """Start the node and stop it; "clean" or what was wrong."""
+    log = folder / "log"
+    process = start(log, name, *options)
+    while "[INFO]" not in log.read_text():
+        if process.poll() is not None:
+            return f"ended at its start: {log.read_text().strip()[-200:]}"
+        time.sleep(0.01)
+    time.sleep(chance.uniform(0.0, 0.5))
+    how = chance.choice([*SIGNALS])
+    begin = time.monotonic()
+    status = stop(process, SIGNALS[how])
+    if status != 0 or "Traceback" in log.read_text():
+        return f"{how}: {'killed after ' + format(LIMIT, 'g') + ' s' if status is None else f'status {status}'}: {log.read_text().strip()[-200:]}"
+    print(f"{name:17s} {how:8s} {time.monotonic() - begin:5.2f} s", end="\r", flush=True)
+    return "clean"
+
+
+def record(folder: Path, chance: random.Random) -> str:
+    bag = folder / "bag"
+    shutil.rmtree(bag, ignore_errors=True)
+    said = once("record", ["-o", bag], folder, chance)
+    if said == "clean":
+        with Reader(bag) as reader:
+            whole = f"{reader.message_count} messages on" in (folder / "log").read_text()
+        return "clean" if whole else "the bag is not whole"
+    return said
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--times", type=int, default=200, help="of each node (default: 200)")
+    parser.add_argument("--load", type=int, default=4, help="processes that spin meanwhile (default: 4)")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    chance, folder = random.Random(given.seed), Path(tempfile.mkdtemp(prefix="inductrack_starts_"))
+    domain = claim_domain()  # held until the end
+    spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(given.load)]
+    beside = start(folder / "beside", "sim", "--ros-args", "-r", "__node:=beside")
+    found: dict[str, Counter] = {}
+    try:
+        write_bag(folder / "played", [0.0, 1.0], {channel: [0.0, 1.0] for channel in STATES})
+        for name in ("sim", "track_controller", "monitor", "record", "play"):
+            options = {"sim": ["--ros-args", "-r", "__ns:=/other"], "play": [folder / "played", "--listeners", "99"]}.get(name, [])
+            if name == "record":
+                found[name] = Counter(record(folder, chance) for _ in range(given.times))
+            else:
+                found[name] = Counter(once(name, options, folder, chance) for _ in range(given.times))
+            print(f"{name:17s} {found[name]['clean']} of {given.times} clean")
+            for wrong, count in found[name].items():
+                if wrong != "clean":
+                    print(f"    {count} × {wrong}")
+    finally:
+        for process in (beside, *spinning):
+            process.kill()
+        domain.close()
+        shutil.rmtree(folder)
+    return int(any(seen["clean"] < given.times for seen in found.values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,86 @@
+"""Nodes end within seconds of a signal, with the status they earned, whatever the middleware and whoever sends signals do."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+from rosbags.rosbag2 import Reader
+
+#: A node whose middleware hangs for ever where it is told to, inside C and with the interpreter's lock held or not.
+HANGS = """
+import ctypes, sys
+from rclpy.node import Node
+from rclpy.executors import SingleThreadedExecutor
+from inductrack_ros.nodes import ending, start
+
+where, lock, name = sys.argv[1:4]
+libc = ctypes.PyDLL(None) if lock == "held" else ctypes.CDLL(None)
+def hang(*_):
+    while True:
+        libc.pause()
+if where == "destroy":
+    Node.destroy_node = hang
+else:
+    ending.PATIENCE = 1.0
+    spin = SingleThreadedExecutor.spin_once
+    def once(self, timeout_sec):
+        spin(self, timeout_sec)
+        print("hangs", flush=True)
+        libc.sigfillset(mask := (ctypes.c_byte * 128)())  # no signal ends this pause
+        libc.ppoll(None, 0, None, mask)
+    SingleThreadedExecutor.spin_once = once
+sys.argv = [name, *sys.argv[4:]]
+print("what it printed last", end="")
+getattr(start, name)()
+"""
+
+
+@pytest.fixture
+def hanging(ros):
+    def begin(where: str, lock: str, name: str, *options: str):
+        script = ros.folder / "hangs.py"
+        script.write_text(HANGS)
+        return ros.start(str(script), where, lock, name, *options)
+
+    return begin
+
+
+@pytest.mark.parametrize("node, lock", [("track_controller", "held"), ("sim", "free")])
+def test_a_middleware_that_does_not_let_go_is_left_behind(hanging, node, lock):
+    process = hanging("destroy", lock, node)
+    process.wait_for("[INFO]")
+    process.send(signal.SIGINT)
+    assert process.wait() == 0
+    assert "what it printed last" in process.output and "Traceback" not in process.output
+
+
+def test_a_bag_is_complete_before_the_middleware_is_asked_to_let_go(ros, hanging):
+    recorder = hanging("destroy", "held", "record", "-o", "bag")
+    sim = ros.start("sim", "--ros-args", "-p", "listeners:=1")
+    folder = ros.folder / "bag"
+    ros.wait(lambda: list(folder.glob("*.mcap")), "something in the bag")
+    recorder.send(signal.SIGTERM)
+    assert recorder.wait() == 0
+    with Reader(folder) as reader:
+        assert f"{reader.message_count} messages on" in recorder.output and reader.message_count > 100
+    assert sim.stop() == 0
+
+
+def test_a_middleware_that_does_not_answer_is_left_behind_too(hanging):
+    process = hanging("spin", "free", "track_controller")
+    process.wait_for("hangs")
+    process.send(signal.SIGINT)
+    assert process.wait() == 1 and "has not answered" in process.output
+
+
+@pytest.mark.parametrize("node", ["sim", "track_controller"])
+def test_signals_without_end_change_nothing(ros, node):
+    """Also those that come while the interpreter exits, which once killed one node in eight with −2."""
+    process = ros.start(node)
+    process.wait_for("[INFO]")
+    while process.running:
+        process.send(signal.SIGINT)
+    assert process.wait() == 0 and "Traceback" not in process.output
+
+
