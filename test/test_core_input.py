@@ -100,7 +100,7 @@ def test_files_that_cannot_be_read(tmp_path):
         "mass: 10\neffects: [viscous_drag]\nviscous_drag: {coefficient: 2.5}\n",
         "mass: 1e1\neffects: viscous_drag\nviscous_drag.coefficient: 25e-1\n",
         "/**:\n  ros__parameters:\n    mass: 10.0\n    effects: [viscous_drag]\n    viscous_drag:\n      coefficient: 2.5\n",
-        "/rig:\n  sim:\n    ros__parameters: {mass: 10.0, effects: ['viscous_drag'], viscous_drag.coefficient: 2.5}\n",
+        "/inductrack:\n  sim:\n    ros__parameters: {mass: 10.0, effects: ['viscous_drag'], viscous_drag.coefficient: 2.5}\n",
     ],
 )
 def test_the_ways_to_write_a_file(tmp_path, content):

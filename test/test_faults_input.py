@@ -32,9 +32,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 NODE_INPUTS = {
-    "no such file": (["--params-file", "nowhere.yaml"], "Couldn't parse params file: '--params-file nowhere.yaml'"),
-    "broken YAML": (["--params-file", "broken.yaml"], "Couldn't parse params file"),
-    "mixed list": (["--params-file", "mixed.yaml"], "Sequence should be of same type"),
+    "no such file": (["--params-file", "nowhere.yaml"], "nowhere.yaml: no such file"),
+    "broken YAML": (["--params-file", "broken.yaml"], "broken.yaml, line 2: not valid YAML"),
+    "mixed list": (["--params-file", "mixed.yaml"], "mixed.yaml: eta = [1, 'a']: all entries of a list must be of one kind"),
     "no value": (["-p", "eta"], "Couldn't parse parameter override rule: '-p eta'"),
     "no such option": (["--frobnicate"], "--frobnicate"),
     "out of range": (["-p", "mass:=-1.0"], "sim: mass = -1 is out of range; it must lie in [0.001, 100000] kg"),
@@ -63,7 +63,7 @@ CLI_INPUTS = {
         ["compare", "rig", "--model", "pulses.yaml"],
         "run_0.csv: driven at 7000 A, but it holds no drive pulses and the model has drive: pulses",
     ),
-    "blocks of other nodes": (["compare", "rig", "--model", "others.yaml"], "has no block for sim; its blocks are /a, /b"),
+    "blocks of other nodes": (["compare", "rig", "--model", "others.yaml"], "nothing in it is for /inductrack/sim; its blocks are for /a, /b"),
     "a device": (["compare", "rig", "--model", "/dev/zero"], "/dev/zero: cannot be read: not a regular file"),
     "broken YAML": (["simulate", "--model", "broken.yaml"], "broken.yaml, line 2: not valid YAML"),
 }  # fmt: skip

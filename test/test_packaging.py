@@ -121,14 +121,15 @@ def test_make_uses_a_sourced_distribution_and_brings_ros_otherwise():
 
 
 def test_the_parameter_file_names_what_exists():
-    from inductrack_ros.core.model import Model, read_parameter_file
+    from inductrack_ros.core.model import Model
+    from inductrack_ros.core.parameter_files import blocks_for, merged
     from inductrack_ros.nodes import monitor, sim, track_controller
 
     blocks = yaml.safe_load((ROOT / "config/default.yaml").read_text())
     assert set(blocks) == {"/**/sim", "/**/track_controller", "/**/monitor"}
     assert Model.load(ROOT / "config/default.yaml") == Model.default()  # and what is the node's own is passed over
     for node, own in (("sim", sim.OWN), ("track_controller", track_controller.DECLARED), ("monitor", monitor.OWN)):
-        given = read_parameter_file(ROOT / "config/default.yaml", node)
+        given = merged(blocks_for(ROOT / "config/default.yaml", f"/inductrack/{node}"))
         assert given and set(given) <= {*own, *Model.default().parameters}
 
 

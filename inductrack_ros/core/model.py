@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from . import kernel as kernels
 from .effects import Effect, load_effects, split_name
 from .errors import InputError, did_you_mean
 from .options import DRIVES, MODEL_OPTIONS, is_of_the_node
-from .parameter_files import read_parameter_file
+from .parameter_files import blocks_for, merged, shared_names
 from .parameters import PARAMETERS, check_parameters
 from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES
 
@@ -120,19 +120,20 @@ class Model:
         """Read a ROS 2 parameter file, or a plain mapping of the same names.
 
         ``extra_files`` are effect files besides those the file names, which are Python code: one that is not
-        ``trusted`` may name no others. The `sim` node's own parameters are passed over. Raises `InputError` naming the
-        file and the parameter.
+        ``trusted`` may name no others. What counts is what the node `/inductrack/sim` would take from it; its own parameters are
+        passed over. Raises `InputError` naming the file and the parameter.
         """
-        values, folder = read_parameter_file(path), Path(path).parent
+        blocks, folder = blocks_for(path), Path(path).parent
+        values = merged(blocks)
         if not trusted:
-            named = [_beside(folder, f) for f in _text_list(values.pop("effect_files", []), "effect_files", f"{path}: ")]
+            named = [beside(folder, f) for f in _text_list(values.pop("effect_files", []), "effect_files", f"{path}: ")]
             given = {os.path.realpath(f) for f in extra_files}
             if others := [f for f in named if os.path.realpath(f) not in given]:
                 raise InputError(
                     f"{path}: names the effect file {others[0]}, which is Python code and is run only when you name it: "
                     f"--effects {others[0]}"
                 )
-        return cls.from_mapping(values, str(path), extra_files, folder)
+        return cls.from_mapping(values, str(path), extra_files, folder, shared_names(blocks))
 
     @classmethod
     def from_mapping(
@@ -141,16 +142,25 @@ class Model:
         where: str = "",
         extra_files: Iterable[str | Path] = (),
         folder: Path | None = None,
+        shared: Collection[str] = (),
     ) -> Model:
-        """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``, ``<effect>.<parameter>``."""
+        """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``, ``<effect>.<parameter>``.
+
+        Names in ``shared`` were given to nodes of any name: one that no model has is passed over, and said.
+        """
         place = f"{where}: " if where else ""
         values = dict(values)
         dof, drive = values.pop("dof", 4), values.pop("drive", "averaged")
         names = _text_list(values.pop("effects", []), "effects", place)
         files = [
-            _beside(folder, f) if folder else f
+            beside(folder, f) if folder else f
             for f in _text_list(values.pop("effect_files", []), "effect_files", place)
         ] + [str(f) for f in extra_files]
+        known = load_effects(files)
+        foreign = [n for n in values if n in shared and not is_of_the_node(n) and not _of_a_model(n, known)]
+        if foreign:
+            _announce(f"warning: {place}not of the model, passed over: {', '.join(foreign)}")
+        values = {n: v for n, v in values.items() if n not in foreign}
         base: dict[str, object] = {}
         effects: dict[str, dict[str, object]] = {name: {} for name in names}
         for key, value in values.items():
@@ -162,13 +172,12 @@ class Model:
             elif effect_name in effects:
                 effects[effect_name][parameter] = value
             else:
-                item, _ = split_name(effect_name, load_effects(files), CHANNELS, where)  # a value for an effect that is off
+                item, _ = split_name(effect_name, known, CHANNELS, where)  # a value for an effect that is off
                 if parameter not in item.parameters:
                     raise InputError(f"{place}effect '{effect_name}' has no parameter '{parameter}'{did_you_mean(parameter, item.parameters)}")
         for key in base:
             if key not in PARAMETERS:
-                known = [*PARAMETERS, *MODEL_OPTIONS]
-                raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, known)}")
+                raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, [*PARAMETERS, *MODEL_OPTIONS])}")
         return cls.create(base, effects, dof, drive, files, where)
 
     def with_changes(
@@ -428,11 +437,17 @@ def _arrays_wrench(g: Mapping[str, float], kind: str) -> np.ndarray:
     return np.array([0.0, c * (left - right), top - c * (right + left), moment])
 
 
+def _of_a_model(name: str, effects: Collection[str]) -> bool:
+    """Whether a parameter of this name is some model's; ``effects`` are those known."""
+    effect, dot, _ = name.rpartition(".")
+    return effect.partition(":")[0] in effects if dot else name in PARAMETERS or name in MODEL_OPTIONS
+
+
 def _announce(message: str) -> None:
     print(message, file=sys.stderr, flush=True)
 
 
-def _beside(folder: Path, file: str) -> str:
+def beside(folder: Path, file: str) -> str:
     """A file that a YAML names, seen from the YAML's folder."""
     return os.path.join(folder, os.path.expanduser(file))
 

@@ -15,7 +15,7 @@ DRIVES = ("averaged", "pulses")
 
 @dataclass(frozen=True)
 class Option:
-    """A parameter that is not a real number: a switch, a name, a whole number, a list of either."""
+    """A parameter that is not a real number: a switch, a name, a whole number, a list of either; the default of a list means an empty one."""
 
     default: bool | int | str | list
     meaning: str
@@ -27,6 +27,8 @@ class Option:
         """Return the value, or raise `InputError` naming the parameter and what it may be."""
         place = f"{where}: " if where else ""
         if isinstance(self.default, list):
+            if value == []:
+                return self.default
             kind = type(self.default[0])
             if not isinstance(value, list) or any(type(v) is not kind for v in value):
                 raise InputError(f"{place}{name} = {value!r} must be a list of {kind.__name__}")

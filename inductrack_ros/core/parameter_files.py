@@ -1,38 +1,88 @@
-"""ROS 2 parameter files, read without ROS: a file for the `sim` node is a model as well."""
+"""ROS 2 parameter files, read without ROS: a file for the `sim` node is a model as well.
+
+Nodes and commands read them here and nowhere else, so the same file gives both the same.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from .errors import InputError
 from .yaml_files import read_yaml
 
+SIM_NODE = "/inductrack/sim"  # the node whose parameters are a model
 _EXPECTED = "expected parameter names with values"
 _DEEPEST = 8  # far more than a node's name and an effect's parameter need
 
 
-def read_parameter_file(path: str | Path, node: str = "sim") -> dict[str, object]:
-    """Flat names and values that a parameter file gives the node, or those of a plain YAML mapping.
+@dataclass(frozen=True)
+class Block:
+    """What stands under one ``ros__parameters``: ``pattern`` says for which nodes, ``values`` are flat names and values.
 
-    Of several ``ros__parameters`` blocks those count whose name ends in ``node`` or is a wildcard; a single one
-    counts whatever its name, for nodes may be renamed. Raises `InputError`.
+    ``shared``: it is for nodes of any name, so that it may hold what one of them does not have.
+    """
+
+    pattern: str
+    values: dict[str, object]
+    shared: bool = False
+
+    def is_for(self, node: str) -> bool:
+        """Whether a node of this full name takes it: ``*`` is one name, ``**`` any number of them, as ROS 2 has it."""
+        tokens = {"*": r"/\w+", "**": r"(/\w+)*"}
+        parts = (tokens.get(part, "/" + re.escape(part)) for part in self.pattern.split("/")[1:])
+        return re.fullmatch("".join(parts), node) is not None
+
+
+def read_blocks(path: str | Path) -> list[Block]:
+    """The file's blocks, in their order; a plain mapping is one for every node, and nothing in it is for others alone.
+
+    Raises `InputError`.
     """
     loaded = read_yaml(path)
     if not isinstance(loaded, dict):
         raise InputError(f"{path}: {_EXPECTED}, got {type(loaded).__name__}")
+    found: dict[str, dict[str, object]] = {}
     blocks = list(_blocks(loaded, ""))
-    chosen = [block for name, block in blocks if name.rpartition("/")[2] in (node, "*", "**")]
-    if len(blocks) == 1:
-        chosen = [blocks[0][1]]
-    elif blocks and not chosen:
-        raise InputError(f"{path}: has no block for {node}; its blocks are {', '.join(name for name, _ in blocks)}")
-    flat: dict[str, object] = {}
-    for block in chosen or [loaded]:
+    for pattern, block in blocks or [("/**", loaded)]:
         if not isinstance(block, dict):
             raise InputError(f"{path}: ros__parameters must hold parameter names with values")
-        _flatten(block, "", flat, path)
-    return flat
+        _flatten(block, "", found.setdefault(pattern or "/**", {}), path)
+    return [Block(pattern, values, bool(blocks) and pattern.endswith("*")) for pattern, values in found.items()]
+
+
+def blocks_for(path: str | Path, node: str = SIM_NODE) -> list[Block]:
+    """The file's blocks for the node of this full name. Raises `InputError`, also where there is none."""
+    blocks = read_blocks(path)
+    if unused := nothing_for(blocks, node):
+        raise InputError(f"{path}: {unused}")
+    return [block for block in blocks if block.is_for(node)]
+
+
+def merged(blocks: Iterable[Block]) -> dict[str, object]:
+    """Flat names and values; of two blocks the later counts."""
+    return {name: value for block in blocks for name, value in block.values.items()}
+
+
+def shared_names(blocks: Iterable[Block]) -> frozenset[str]:
+    """Names that stand in shared blocks only: a node that does not have one passes over it."""
+    blocks = list(blocks)
+    return frozenset(merged(b for b in blocks if b.shared)) - frozenset(merged(b for b in blocks if not b.shared))
+
+
+def nothing_for(blocks: Iterable[Block], node: str) -> str:
+    """What to say where the node takes none of the blocks, or passes over one with its own name in another namespace."""
+    taken = [block.pattern for block in blocks if block.is_for(node)]
+    others = [block.pattern for block in blocks if not block.is_for(node)]
+    name = node.rpartition("/")[2]
+    named = any(pattern.rpartition("/")[2] == name for pattern in taken)
+    strange = [] if named else [pattern for pattern in others if pattern.rpartition("/")[2] == name]
+    if taken and not strange:
+        return ""
+    what = f"nothing in it is for {node}" if not taken else f"not all in it is for {node}"
+    return f"{what}; its blocks are for {', '.join(others if not taken else strange)}; name one {node} or /**"
 
 
 def _blocks(tree: dict, name: str) -> Iterator[tuple[str, object]]:

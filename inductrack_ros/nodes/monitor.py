@@ -23,7 +23,8 @@ from ..core.state import COORDINATES, RATES, STATES
 from ..monitoring.monitor import Monitor, Window
 from ..reports.words import sized
 from .diagnostics import PERIOD, Diagnostics
-from .parameters import Option, declare, effect_parameters, given, plain, refuse_unknown, with_values
+from .overrides import Overrides
+from .parameters import Option, declare, effect_parameters, given, plain, with_values, without_unknown
 from .runtime import DEPTH, NAMESPACE, every, run
 from .topics import fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
 
@@ -42,13 +43,14 @@ LOOK = 0.02  # s between looks for windows that are complete
 class MonitorNode(Node):
     """Message → samples; windows → residuals, wrenches, a verdict."""
 
-    def __init__(self) -> None:
+    def __init__(self, overrides: Overrides = Overrides()) -> None:  # noqa: B008  it never changes
         super().__init__("monitor", namespace=NAMESPACE, automatically_declare_parameters_from_overrides=True)
         start = given(self)
         # A parameter file made for all nodes holds the simulator's own too; those are passed over.
         ours = {n: v for n, v in start.items() if n not in OWN and not is_of_the_node(n)}
-        refuse_unknown({n: v for n, v in ours.items() if "." not in n}, {**PARAMETERS, **MODEL_OPTIONS, **OWN}, self)
-        model = Model.from_mapping(ours, where="monitor")
+        shared = overrides.shared(self.get_fully_qualified_name())
+        known = without_unknown({n: v for n, v in ours.items() if "." not in n}, {**PARAMETERS, **MODEL_OPTIONS}, self, shared)
+        model = Model.from_mapping(known | {n: v for n, v in ours.items() if "." in n}, where="monitor", shared=shared)
         of_effects = effect_parameters(model)
         live = {*PARAMETERS, *of_effects}
         self._options = declare(self, {**PARAMETERS, **MODEL_OPTIONS, **of_effects, **OWN}, live)

@@ -11,9 +11,10 @@ from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
 from ..core.options import MODEL_OPTIONS, Option
 from ..core.parameters import PARAMETERS, Parameter
+from .overrides import EMPTY
 
 __all__ = [
-    "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "given", "plain", "refuse_unknown", "with_values",
+    "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "given", "plain", "with_values", "without_unknown",
 ]  # fmt: skip
 
 #: Parameters that rclpy itself declares.
@@ -24,8 +25,9 @@ Declared = Mapping[str, Parameter | Option]
 
 
 def plain(value: object) -> object:
-    """A parameter's value as YAML would give it (rclpy hands out arrays)."""
-    return list(value) if hasattr(value, "typecode") or isinstance(value, tuple) else value
+    """A parameter's value as YAML would give it (rclpy hands out arrays, and an empty list has to be `EMPTY`)."""
+    value = list(value) if hasattr(value, "typecode") or isinstance(value, tuple) else value
+    return [] if value == EMPTY else value
 
 
 def given(node: Node) -> dict[str, object]:
@@ -34,10 +36,17 @@ def given(node: Node) -> dict[str, object]:
     return {n: v for n, v in found.items() if not n.startswith(_OF_ROS) and v is not None}
 
 
-def refuse_unknown(values: Mapping[str, object], declared: Collection[str], node: Node) -> None:
-    for name in values:
-        if name not in declared:
+def without_unknown(values: Mapping[str, object], declared: Collection[str], node: Node, shared: Collection[str]) -> dict[str, object]:
+    """The values whose names are declared. Of others those in ``shared``, which were given to nodes of any name, are passed
+    over, and that is said; for one that was given to this node it raises `InputError`.
+    """
+    unknown = [name for name in values if name not in declared]
+    for name in unknown:
+        if name not in shared:
             raise InputError(f"{node.get_name()}: unknown parameter '{name}'{did_you_mean(name, declared)}")
+    if unknown:
+        node.get_logger().warning(f"this node does not have, and passes over: {', '.join(unknown)}")
+    return {name: value for name, value in values.items() if name in declared}
 
 
 def declare(node: Node, declared: Declared, live: Collection[str] = ()) -> dict[str, object]:
@@ -51,7 +60,7 @@ def declare(node: Node, declared: Declared, live: Collection[str] = ()) -> dict[
         value = one.check(name, start.get(name, one.default), node.get_name())
         if name in start:
             node.undeclare_parameter(name)
-        node.declare_parameter(name, plain(value), _descriptor(one, name in live), ignore_override=True)
+        node.declare_parameter(name, list(value) if isinstance(value, tuple) else value, _descriptor(one, name in live), ignore_override=True)
         values[name] = value
     return values
 

@@ -119,7 +119,7 @@ def _positive(text: str) -> float:
 
 def main(args: list[str] | None = None) -> int:
     options = parse(remove_ros_args(args if args is not None else sys.argv)[1:])
-    return run(lambda: Player(options), args)
+    return run(lambda _: Player(options), args)
 
 
 if __name__ == "__main__":

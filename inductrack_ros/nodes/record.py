@@ -162,7 +162,7 @@ def _unused_name() -> str:
 
 def main(args: list[str] | None = None) -> int:
     options = parse(remove_ros_args(args if args is not None else sys.argv)[1:])
-    return run(lambda: Recorder(options), args)
+    return run(lambda _: Recorder(options), args)
 
 
 if __name__ == "__main__":

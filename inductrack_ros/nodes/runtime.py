@@ -15,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..core.errors import InputError
 from .domain import reach, stay_local
+from .overrides import Overrides, readable
 from .ending import GRACE, STOP, Deadline
 
 _ROS_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
@@ -27,8 +28,10 @@ def every(node: Node, seconds: float, callback: Callable[[], None]) -> None:
     node.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+def run(make_node: Callable[[Overrides], Node], args: list[str] | None = None) -> int:
     """Spin the node until Ctrl-C, SIGTERM or its attribute ``finished``; close it; return the exit status.
+
+    It is made from what parameter files give, see `overrides`.
 
     One thread and `spin_once`: in the PyPI wheels the multi-threaded executor starves a 1 kHz timer.
     """
@@ -36,8 +39,11 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     stay_local()
     node, status = None, 1
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = make_node()
+        with readable(sys.argv if args is None else args) as (ros_args, overrides):
+            rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
+        node = make_node(overrides)
+        for unused in overrides.unused(node.get_fully_qualified_name()):
+            node.get_logger().warning(unused)
         _spin(node)
         status = 0
     except InputError as error:

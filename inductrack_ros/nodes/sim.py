@@ -23,7 +23,8 @@ from ..core.parameters import PARAMETERS
 from ..core.state import OUTPUTS
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
-from .parameters import declare, effect_parameters, given, plain, refuse_unknown, with_values
+from .overrides import Overrides
+from .parameters import declare, effect_parameters, given, plain, with_values, without_unknown
 from .runtime import DEPTH, NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
 from .topics import SimulatorTopics, channels, nanoseconds_of, stamp_of
@@ -39,13 +40,15 @@ ASK_AGAIN = 1.0  # s without an answer after which a state in lockstep is publis
 class SimNode(Node):
     """Message → pulse, advance, state → messages."""
 
-    def __init__(self) -> None:
+    def __init__(self, overrides: Overrides = Overrides()) -> None:  # noqa: B008  it never changes
         super().__init__("sim", namespace=NAMESPACE, automatically_declare_parameters_from_overrides=True)
         start = given(self)
-        own_names = {n: v for n, v in start.items() if "." not in n or n.startswith("measured.")}
-        refuse_unknown(own_names, {**PARAMETERS, **MODEL_OPTIONS, **OWN}, self)
+        shared = overrides.shared(self.get_fully_qualified_name())
+        of_effects = {n: v for n, v in start.items() if "." in n and not n.startswith("measured.")}
+        others = {n: v for n, v in start.items() if n not in of_effects}
+        known = without_unknown(others, {**PARAMETERS, **MODEL_OPTIONS, **OWN}, self, shared)
         # The core checks what belongs to the model, effects' parameters included, in its own words.
-        self.model = Model.from_mapping(start, where="sim")
+        self.model = Model.from_mapping(known | of_effects, where="sim", shared=shared)
         of_effects = effect_parameters(self.model)
         in_model = {**PARAMETERS, **MODEL_OPTIONS, **of_effects}
         self._declared = {**in_model, **OWN}

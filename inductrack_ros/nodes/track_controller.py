@@ -17,7 +17,8 @@ from ..core.parameters import PARAMETERS, Parameter
 from .detectors import Photodiodes
 from .diagnostics import PERIOD, Diagnostics
 from .firing import FiringPlan, Motion, SpeedHold
-from .parameters import MODEL_OPTIONS, Option, declare, given, plain, refuse_unknown
+from .overrides import Overrides
+from .parameters import MODEL_OPTIONS, Option, declare, given, plain, without_unknown
 from .runtime import DEPTH, NAMESPACE, every, run
 from .topics import nanoseconds_of, pulse_message, stamp_of
 
@@ -52,10 +53,11 @@ PATIENCE = 1.0  # s of real time without a pose after which the controller says 
 class TrackController(Node):
     """Pose → photodiode edges → drive pulses."""
 
-    def __init__(self) -> None:
+    def __init__(self, overrides: Overrides = Overrides()) -> None:  # noqa: B008  it never changes
         super().__init__("track_controller", namespace=NAMESPACE, automatically_declare_parameters_from_overrides=True)
         start = given(self)
-        refuse_unknown({n: v for n, v in start.items() if not _of_the_model(n)}, DECLARED, self)
+        ours = {n: v for n, v in start.items() if not _of_the_model(n)}
+        without_unknown(ours, DECLARED, self, overrides.shared(self.get_fully_qualified_name()))
         self._options = declare(self, DECLARED, LIVE)
         self._begin()
         self._sent = self._jumps = self._broken = 0

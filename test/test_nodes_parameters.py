@@ -1,0 +1,153 @@
+"""Parameter files and overrides: what a node takes, what it passes over and says, what it refuses; commands do the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from test_fuzz import TREES, WORDS, fuzz
+
+from inductrack_ros import cli
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.core.model import Model
+from inductrack_ros.core.parameter_files import Block
+from inductrack_ros.nodes import runtime
+from inductrack_ros.nodes.monitor import MonitorNode
+from inductrack_ros.nodes.sim import SimNode
+from inductrack_ros.nodes.track_controller import TrackController
+
+NODES = {"sim": SimNode, "monitor": MonitorNode, "track_controller": TrackController}
+
+
+@pytest.fixture
+def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):
+    """Start a node in this process with a parameter file's text and further words; its status, parameters and what it said."""
+    monkeypatch.setattr(runtime.STOP, "listen", lambda: None)
+    monkeypatch.chdir(tmp_path)
+
+    def begin(name: str, text: str = "", *words: str) -> tuple[int, dict[str, object], str]:
+        found: dict[str, object] = {}
+
+        class Once(NODES[name]):
+            def __init__(self, overrides) -> None:
+                super().__init__(overrides)
+                self.finished = True
+
+            def close(self) -> None:
+                found.update({n: p.value for n, p in self.get_parameters_by_prefix("").items()})
+
+        Path("given.yaml").write_text(text)
+        files = ["--params-file", "given.yaml"] if text else []
+        status = runtime.run(Once, [name, "--ros-args", *files, *words])
+        return status, found, capfd.readouterr().err
+
+    return begin
+
+
+EMPTY = {
+    "sim": ("/**:\n  ros__parameters: {effects: [], eta: 0.75}\n", "effects", [""]),
+    "monitor": ("/inductrack/monitor:\n  ros__parameters: {effect_files: [], effects: []}\n", "effect_files", [""]),
+    "track_controller": ("/inductrack/track_controller:\n  ros__parameters:\n    detectors: {failed: []}\n", "detectors.failed", [-1]),
+}
+
+
+@pytest.mark.parametrize("node", EMPTY)
+def test_an_empty_list_is_none(start, node):
+    text, name, value = EMPTY[node]
+    status, found, _ = start(node, text)
+    assert (status, list(found[name])) == (0, value)
+    assert start(node, "", "-p", f"{name}:=[]")[0] == 0
+
+
+#: A file, the η that sim takes from it, and what it says. `inductrack simulate` takes the same, or says the same and refuses.
+FILES = {
+    "for it": ("/inductrack/sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
+    "nested": ("inductrack: {sim: {ros__parameters: {eta: 0.75}}}", 0.75, ""),
+    "by wildcards": ("/*/sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
+    "plain": ("eta: 0.75", 0.75, ""),
+    "whole and real numbers": ("{eta: 0.75, effects: [stand_in_heave], stand_in_heave.values: [0, 0.5]}", 0.75, ""),
+    "general before special": ("/**:\n  ros__parameters: {mass: 9.0}\n  sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
+    "special before general": ("/**:\n  sim: {ros__parameters: {eta: 0.75}}\n  ros__parameters: {mass: 9.0}", 0.75, ""),
+    "later counts": ("/**: {ros__parameters: {eta: 0.5}}\n/inductrack/sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
+    "no namespace": ("sim: {ros__parameters: {eta: 0.75}}", 0.7295, "nothing in it is for /inductrack/sim; its blocks are for /sim; name"),
+    "another namespace": ("/rig1/sim: {ros__parameters: {eta: 0.75}}", 0.7295, "its blocks are for /rig1/sim"),
+    "another node": ("/inductrack/simulator: {ros__parameters: {eta: 0.75}}", 0.7295, "its blocks are for /inductrack/simulator"),
+    "a part elsewhere": (
+        "/**: {ros__parameters: {mass: 9.0}}\n/rig1/sim: {ros__parameters: {eta: 0.75}}", 0.7295,
+        "not all in it is for /inductrack/sim; its blocks are for /rig1/sim",
+    ),
+    "for all nodes": ("/**: {ros__parameters: {eta: 0.75, mode: speed, detectors: {failed: [3]}, my_own: 1}}", 0.75, "my_own"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_a_file_gives_node_and_command_the_same(start, capfd, tmp_path, case):
+    text, eta, says = FILES[case]
+    status, found, said = start("sim", text)
+    assert status == 0 and found["eta"] == eta and says in said
+    assert ("[WARN]" in said or "warning" in said) == bool(says)
+    code = cli.main(["simulate", "--model", "given.yaml", "--duration", "0.01", "--output", str(tmp_path / "run.csv")])
+    assert says in capfd.readouterr().err
+    if code == 0:
+        assert Model.load("given.yaml").parameters["eta"] == eta
+    else:
+        assert code == 2 and eta == 0.7295
+
+
+REFUSED = {
+    "unknown, for it": ("/inductrack/sim: {ros__parameters: {etta: 0.75}}", "unknown parameter 'etta'; did you mean 'eta'?"),
+    "unknown, plain": ("etta: 0.75", "unknown parameter 'etta'; did you mean 'eta'?"),
+    "no value": ("{eta: }", "given.yaml: eta has no value; give it one, or leave the name out"),
+    "lists in lists": ("{eta: [[1], [2]]}", "must be of one kind"),
+    "a huge number": ("{eta: 100000000000000000000}", "more than 64 bits"),
+    "an empty name": ('/inductrack/sim: {ros__parameters: {"": 1}}', "error: "),
+    "no file of ROS": ("- 1\n- 2\n", "expected parameter names with values, got list"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_refused_is_said_in_one_line(start, case):
+    text, says = REFUSED[case]
+    status, _, said = start("sim", text)
+    lines = [line for line in said.splitlines() if line.startswith("error: ")]
+    assert status == 2 and len(lines) == 1 and says in lines[0]
+    with pytest.raises(InputError):
+        Model.load("given.yaml")
+
+
+@pytest.mark.parametrize("node", ["monitor", "track_controller"])
+def test_what_is_for_all_nodes_may_hold_what_one_does_not_have(start, node):
+    status, found, said = start(node, "/**: {ros__parameters: {wavelength: 0.11, my_own: {deep: 1}, mine: 2}}")
+    assert status == 0 and found["wavelength"] == 0.11 and "mine" in said and "[WARN]" in said or "warning" in said
+    assert start(node, "", "-p", "mine:=2")[0] == 2  # given to this node
+
+
+def test_effect_files_are_sought_beside_the_file_that_names_them(start, tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "mine.py").write_text((Path(__file__).parent.parent / "examples" / "my_effect.py").read_text())
+    Path("there/model.yaml").write_text("{effect_files: [mine.py], effects: [magnetised_patch]}")
+    status, found, _ = start("sim", "", "--params-file", "there/model.yaml")
+    assert status == 0 and list(found["effect_files"]) == [str(tmp_path / "there" / "mine.py")]
+    assert list(Model.load("there/model.yaml").effects) == ["magnetised_patch"]
+
+
+@pytest.mark.parametrize(
+    "pattern, node, taken",
+    [
+        ("/**", "/a/b/sim", True), ("/*", "/a/sim", False), ("/*", "/sim", True), ("/*/sim", "/a/sim", True), ("/*/sim", "/a/b/sim", False),
+        ("/**/sim", "/a/b/sim", True), ("/**/sim", "/sim", True), ("/a/**", "/a/b/sim", True), ("/a/**", "/b/sim", False), ("/a.sim", "/a/sim", False),
+    ],
+)  # fmt: skip
+def test_wildcards(pattern, node, taken):
+    assert Block(pattern, {}).is_for(node) is taken
+
+
+@fuzz(60)
+@given(node=st.sampled_from([*NODES]), tree=st.dictionaries(WORDS, TREES, max_size=4) | TREES.map(lambda t: {"/**": {"ros__parameters": t}}))
+def test_no_parameter_file_ends_in_a_traceback(start, node, tree):
+    text = yaml.safe_dump(tree, allow_unicode=True)
+    status, _, said = start(node, text)
+    assert status in (0, 2) and (status == 0 or "error: " in said)
