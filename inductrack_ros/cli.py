@@ -116,11 +116,13 @@ def _campaign_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
     """The campaign and the model it is held against."""
-    from .data import load_campaign
+    from .data import load_campaign, usable
 
     campaign = load_campaign(arguments.campaign)
+    model = campaign.load_model(arguments.model, arguments.effects)
+    campaign = usable(campaign, model)
     say_notes(campaign.notes)
-    return campaign, campaign.load_model(arguments.model, arguments.effects)
+    return campaign, model
 
 
 @contextlib.contextmanager

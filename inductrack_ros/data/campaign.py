@@ -38,6 +38,7 @@ class Campaign:
     model: the rig's parameter file, or None for the package's default
     free: names of the parameters a fit may move besides initial states
     dof: degrees of freedom that move (1, 2 or 4), or None where the campaign leaves that to the model
+    remarks: what is to be said of the campaign as a whole, one line each
     """
 
     name: str
@@ -47,6 +48,7 @@ class Campaign:
     model: Path | None = None
     free: tuple[str, ...] = FREE
     dof: int | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -60,7 +62,7 @@ class Campaign:
         for run in self.runs:
             for note in run.notes:
                 runs_by_note.setdefault(note, []).append(run.name)
-        return tuple(f"{_some(names)}: {note}" for note, names in runs_by_note.items())
+        return self.remarks + tuple(f"{_some(names)}: {note}" for note, names in runs_by_note.items())
 
     def load_model(self, file: str | Path | None = None, effect_files: Iterable[str | Path] = ()) -> Model:
         """The model the campaign is held against: that of ``file``, else the campaign's own, else the package's default.

@@ -1,225 +1,241 @@
-"""CSV in and out: a header with `time` and channels, SI units, empty cells allowed."""
+"""One run out of a CSV as loggers and spreadsheets write it, through pandas."""
 
 from __future__ import annotations
 
 import csv
 import io
-import math
-import os
 import re
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
-from ..core.errors import InputError, did_you_mean
+from ..core.errors import InputError
 from ..core.state import CHANNELS
+from .csv_layout import INPUT, TIME, Column, Layout, find_layout, number, shown, split
+from .csv_text import read_text
 from .measurement import Array, Run
+from .order import Place, in_order
 
-TIME = "time"
+#: Cells that say "not measured" besides the empty one and those that pandas knows (`nan`, `NA`, `null`, …).
+EMPTY = ("-", "--", "---", "?", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?")
 
 
-def read_csv(file: str | Path, name: str | None = None) -> Run:
+def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str] | None = None) -> Run:
     """Read one run from a CSV.
 
+    inputs: further columns to be read into `Run.inputs`, by the name they get → the header's text.
+
+    Separators, decimal commas, comments, units in the header, and times as dates are found out; see docs/campaigns.md.
     Columns may stand in any order and are returned in the canonical one. An empty cell, or `nan`, is "not measured".
-    Raises InputError, naming file, row (as an editor counts) and column, for anything that is not such a file.
+    What was converted or left out stands in `Run.notes`. Raises InputError, naming file, row (as an editor counts)
+    and column, for anything that is not such a file.
     """
-    file = Path(file)
-    text = _read_text(file)
-    header, body = _split_header(file, text)
-    table = _parse(file, header, body)
-    _check(file, header, body, table)
-    stamps = table[:, header.index(TIME)]
-    channels = tuple(c for c in CHANNELS if c in header)
+    file, notes = Path(file), []
+    data = read_text(file, notes)
+    layout = find_layout(file, data, dict(inputs or {}), notes)
+    table = _Table(file, layout, _body(file, data, layout, notes))
+    del data
+    stamps, columns = table.read(notes)
+    place = Place(f"{file}", lambda i: f"row {table.row(i)}", "row", "correct the times, or make two files of two runs")
+    index, said = in_order(stamps, list(columns.values()), place)
+    notes += said
+    if index is not None:
+        stamps, columns = stamps[index], {n: c[index] for n, c in columns.items()}
+    if len(stamps) < 2:
+        raise InputError(f"{file}: {len(stamps)} row{'' if len(stamps) == 1 else 's'} of data; a run needs at least 2")
+    channels = tuple(c for c in CHANNELS if c in columns)
     return Run(
         name=name if name is not None else file.stem,
         file=file,
         channels=channels,
-        times=stamps - stamps[0],
-        values=np.ascontiguousarray(table[:, [header.index(c) for c in channels]]),
+        times=(stamps - stamps[0]) / (1e9 if stamps.dtype.kind == "i" else 1.0),
+        values=np.column_stack([columns.pop(c) for c in channels]),
         stamps=stamps,
+        seconds_stated=bool(table.time.unit) or stamps.dtype.kind == "i",
+        inputs={n.removeprefix(INPUT): column for n, column in columns.items()},
+        notes=tuple(notes),
     )
 
 
-def write_csv(file: str | Path, times: ArrayLike, columns: Mapping[str, ArrayLike], *, overwrite: bool = False) -> None:
-    """Write `time` and the columns, each (n,), in the order given; NaN becomes an empty cell.
-
-    Floats are written so that they read back to the last bit; integer times are nanoseconds, written as seconds.
-    The file appears complete or not at all. Raises InputError if it exists (unless `overwrite`) or cannot be written.
-    """
-    file = Path(file)
-    times = np.asarray(times)
-    stamp = _nanoseconds if times.dtype.kind == "i" else repr
-    cells = [list(map(stamp, times.tolist()))]
-    for values in columns.values():
-        cells.append(["" if math.isnan(v) else repr(v) for v in np.asarray(values, float).tolist()])
-    lines = [",".join((TIME, *columns)), *map(",".join, zip(*cells, strict=True)), ""]
-    if os.path.lexists(file) and not overwrite:
-        raise InputError(f"{file}: exists already; choose another name or delete it first")
-    if not file.parent.is_dir():
-        raise InputError(f"{file}: there is no folder {file.parent}; create it first")
-    try:
-        _replace(file, "\n".join(lines))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written: {error.strerror}") from None
+# ---------------------------------------------------------------- rows
 
 
-def write_prediction(folder: str | Path, run: Run, predicted: Array) -> Path:
-    """Write `<run>.predicted.csv`: the run's own stamps and channels with predicted values (n, c); return its path.
-
-    An older prediction is replaced. Raises InputError if it cannot be written.
-    """
-    file = Path(folder) / f"{run.name}.predicted.csv"
-    write_csv(file, run.stamps, dict(zip(run.channels, np.asarray(predicted).T, strict=True)), overwrite=True)
-    return file
-
-
-# ---------------------------------------------------------------- reading
-
-
-def _read_text(file: Path) -> str:
-    try:
-        if file.is_dir():
-            raise InputError(f"{file}: is a folder, not a CSV file (a rosbag2 folder holds metadata.yaml)")
-        if not file.exists():
-            raise InputError(f"{file}: no such file")
-        if not file.is_file():  # reading a pipe or a device could wait for ever
-            raise InputError(f"{file}: not a regular file")
-        data = file.read_bytes()
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        raise InputError(f"{file}, row {line}: not UTF-8 text; save it as CSV with UTF-8 encoding") from None
-    if not text.strip():
-        raise InputError(f"{file}: empty; it needs a header with '{TIME}' and channels, and at least 2 rows")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+def _body(file: Path, data: bytes, layout: Layout, notes: list[str]) -> bytes:
+    """The rows from the first of data on, each with the same number of cells, unquoted; rows that hold nothing are empty."""
+    body, separator = data[layout.start :], layout.separator.encode()
+    if re.search(rb"(?m)^[ \t]*(#|%|//)", body):
+        body = re.sub(rb"(?m)^[ \t]*(#|%|//).*$", b"", body)
+    if separator == b" ":
+        body = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", body)
+        body, separator = re.sub(rb"[ \t]+", b"\t", body), b"\t"
+    elif b" " in body:
+        body = re.sub(rb"(?m)^ +| +$", b"", re.sub(rb" *" + re.escape(separator) + rb" *", separator, body))
+    if b'"' in body:
+        body = _unquoted(file, body, layout, separator)
+    if re.search(rb"(?m)^[\s" + re.escape(separator) + rb"]*$", body):
+        body = re.sub(rb"(?m)^[ \t\v\f" + re.escape(separator) + rb"]+$", b"", body)
+    return _complete(file, body, layout, separator, notes) if body.strip() else b""
 
 
-def _split_header(file: Path, text: str) -> tuple[list[str], str]:
-    first, _, body = text.partition("\n")
-    where = f"{file}, row 1"
-    try:
-        header = [name.strip() for name in next(csv.reader([first], skipinitialspace=True), [])]
-    except csv.Error as error:
-        raise InputError(f"{where}: {error}") from None
-    if len(header) == 1 and re.search(r"[;\t]", first):
-        raise InputError(f"{where}: columns must be separated by commas (and decimals by points)")
-    if header and all(_number(name) is not None for name in header):
-        raise InputError(f"{where}: no header; the first row must name the columns, e.g. time,surge,heave")
-    for i, name in enumerate(header):
-        if not name:
-            raise InputError(f"{where}, column {i + 1}: has no name; name it or delete the column")
-        if name not in (TIME, *CHANNELS):
-            raise InputError(f"{where}: unknown column {_shown(name)}{did_you_mean(name, (TIME, *CHANNELS))}")
-        if name in header[:i]:
-            raise InputError(f"{where}: column '{name}' stands there twice; delete one")
-    if TIME not in header:
-        raise InputError(f"{where}: column '{TIME}' is missing; add the time of each row in seconds")
-    if len(header) == 1:
-        raise InputError(f"{where}: only '{TIME}'; add at least one of {', '.join(CHANNELS)}")
-    return header, body
+def _unquoted(file: Path, body: bytes, layout: Layout, separator: bytes) -> bytes:
+    """Cells without their quotes; a separator inside quotes is a decimal comma or part of a text, which is not read."""
+    rows = []
+    for i, line in enumerate(body.split(b"\n")):
+        if line.count(b'"') % 2:
+            raise InputError(f"{file}, row {layout.first_row + i}: a quote that is not closed; close it or delete it")
+        if b'"' in line:
+            cells = re.split(rb'("[^"]*")', line)
+            inner = b"." if layout.decimal == "," and separator == b"," else b" "
+            line = b"".join(c.strip(b'"').replace(separator, inner) if c.startswith(b'"') else c for c in cells)
+        rows.append(line)
+    return b"\n".join(rows)
 
 
-def _parse(file: Path, header: list[str], body: str) -> Array:
-    """Table (n, len(header)); empty cells are NaN. numpy's fast reader first, ours where it gives up."""
-    for fill in (False, True):
-        text = _fill(body) if fill else body
-        try:
-            table = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, ndmin=2) if body.strip() else None
-        except ValueError:
-            continue
-        if table is not None and table.shape[1] == len(header):
-            return table
-        break
-    rows = [row for _, row in _rows(file, header, body)]
-    return np.array(rows, float).reshape(len(rows), len(header))
+def _complete(file: Path, body: bytes, layout: Layout, separator: bytes, notes: list[str]) -> bytes:
+    """Judge the number of cells in each row: all may end with a separator more, the last one may be cut off."""
+    text = np.frombuffer(body, np.uint8)
+    ends = np.flatnonzero(text == ord("\n"))
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    before = np.searchsorted(np.flatnonzero(text == separator[0]), [starts, ends])
+    cells, used = before[1] - before[0] + 1, ends > starts
+    wrong = np.flatnonzero(used & (cells != layout.cells))
+    if len(wrong) and (cells[wrong] == layout.cells + 1).all() and (text[ends[wrong] - 1] == separator[0]).all():
+        return re.sub(rb"(?m)" + re.escape(separator) + rb"$", b"", body) if len(wrong) == used.sum() else _trimmed(body, wrong, starts, ends)
+    if not len(wrong):
+        return body
+    first, last = int(wrong[0]), int(np.flatnonzero(used)[-1])
+    if first == last and cells[first] < layout.cells and used.sum() > 2:
+        notes.append(f"the last row ({layout.first_row + first}) is cut off and left out")
+        return body[: starts[first]]
+    hint = "; decimal commas need semicolons between the cells" if cells[first] >= 2 * layout.cells - 1 and separator == b"," else ""
+    counts = f"{cells[first]} cell{'' if cells[first] == 1 else 's'} where the header names {layout.cells}"
+    raise InputError(f"{file}, row {layout.first_row + first}: {counts}{hint}; complete the row or delete it")
 
 
-def _fill(body: str) -> str:
-    """Write `nan` into empty cells, all but a row's first."""
-    return (body + "\n").replace(",,", ",nan,").replace(",,", ",nan,").replace(",\n", ",nan\n")
+def _trimmed(body: bytes, rows: NDArray[np.intp], starts: NDArray[np.intp], ends: NDArray[np.intp]) -> bytes:
+    """The body with the last byte of some rows taken off."""
+    kept = np.ones(len(body), bool)
+    kept[ends[rows] - 1] = False
+    return np.frombuffer(body, np.uint8)[kept].tobytes()
 
 
-def _rows(file: Path, header: list[str], body: str) -> Iterator[tuple[int, list[float]]]:
-    """Yield (row number as an editor shows it, floats); raise InputError at the first bad cell. Slow and exact."""
-    last = body.rstrip("\n").count("\n") + 2
-    reader = csv.reader(io.StringIO(body), skipinitialspace=True)
-    try:
-        for cells in reader:
-            line = reader.line_num + 1
-            if len(cells) <= 1 and not "".join(cells).strip():
+# ---------------------------------------------------------------- cells
+
+
+class _Table:
+    """The cells of a body that are read, and where each row of them stands in the file."""
+
+    def __init__(self, file: Path, layout: Layout, body: bytes) -> None:
+        self.file, self.layout, self.body = file, layout, body
+        self.time = next(c for c in layout.columns if c.name == TIME)
+
+    def rows(self) -> Iterator[tuple[int, str]]:
+        """Row number as an editor shows it, and text, of every row of data."""
+        for i, line in enumerate(self.body.split(b"\n")):
+            if line:
+                yield self.layout.first_row + i, line.decode(errors="replace")
+
+    def row(self, index: int) -> int:
+        """The editor's number of a row of the table."""
+        return next(number for i, (number, _) in enumerate(self.rows()) if i == index)
+
+    def error(self, index: int, column: Column, message: str) -> InputError:
+        return InputError(f"{self.file}, row {self.row(index)}, column '{column.header}': {message}")
+
+    def read(self, notes: list[str]) -> tuple[Array | NDArray[np.int64], dict[str, Array]]:
+        """Stamps (n,), s or whole ns, and the columns (n,) by name, SI; NaN where not measured."""
+        if not self.body.strip():
+            return np.empty(0), {}
+        dated = self._first_time()
+        frame = self._parsed({self.time.place: str} if dated else {})
+        stamps = self._dates(frame[self.time.place]) if dated else self._times(frame[self.time.place].to_numpy())
+        columns = {}
+        for column in self.layout.columns:
+            if column.name == TIME:
                 continue
-            if len(cells) != len(header):
-                cut = "; the last row is cut off" if line >= last and len(cells) < len(header) else ""
-                counts = f"{len(cells)} cells where the header names {len(header)}"
-                raise InputError(f"{file}, row {line}: {counts}{cut}; complete the row or delete it")
-            values = []
-            for column, cell in zip(header, cells, strict=True):
-                value = _number(cell) if cell.strip() else math.nan
-                if value is None:
-                    place = f"{file}, row {line}, column '{column}'"
-                    raise InputError(f"{place}: {_shown(cell)} is not a number; correct it or leave it empty")
-                values.append(value)
-            yield line, values
-    except csv.Error as error:
-        raise InputError(f"{file}, row {reader.line_num + 1}: {error}") from None
+            values = frame.pop(column.place).to_numpy(dtype=float)
+            if np.isinf(values).any():
+                raise self.error(int(np.argmax(np.isinf(values))), column, "infinite; correct it or leave it empty")
+            if np.isnan(values).all():
+                notes.append(f"column {shown(column.header)} is empty from top to bottom and left out")
+            else:
+                columns[column.name] = values * column.factor if column.factor != 1.0 else values
+        if not set(columns) & set(CHANNELS):
+            raise InputError(f"{self.file}: every channel is empty from top to bottom; nothing was measured")
+        return stamps, columns
 
+    def _parsed(self, kinds: dict[int, Any]) -> Any:
+        """A frame of the wanted columns by their places; exactly says which cell is no number."""
+        import pandas as pd  # slow to import: a bag needs none
 
-def _check(file: Path, header: list[str], body: str, table: Array) -> None:
-    def line(row: int) -> int:
-        """The editor's row number of a table row: blank lines shift it."""
-        return next(n for i, (n, _) in enumerate(_rows(file, header, body)) if i == row)
+        separator = "\t" if self.layout.separator == " " else self.layout.separator
+        wanted = sorted(c.place for c in self.layout.columns)
+        kinds = {place: kinds.get(place, float) for place in wanted}
+        exact = {} if int(pd.__version__.partition(".")[0]) >= 3 else {"float_precision": "round_trip"}
+        decimal = "." if separator == "," else self.layout.decimal
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return pd.read_csv(
+                    io.BytesIO(self.body), sep=separator, decimal=decimal, header=None, names=range(self.layout.cells), usecols=wanted,
+                    dtype=kinds, na_values=EMPTY, skip_blank_lines=True, quoting=csv.QUOTE_NONE, engine="c", index_col=False,
+                    skipinitialspace=True, encoding_errors="replace", **exact,
+                )  # fmt: skip
+        except (ValueError, pd.errors.ParserError, OverflowError) as error:
+            self._name_the_cell([c for c in self.layout.columns if kinds[c.place] is float], decimal)
+            raise InputError(f"{self.file}: cannot be read as a table ({' '.join(str(error).split())[:160]})") from None
 
-    if len(table) < 2:
-        raise InputError(f"{file}: {len(table)} row{'' if len(table) == 1 else 's'} of data; a run needs at least 2")
-    infinite = np.argwhere(np.isinf(table))
-    if len(infinite):
-        row, column = infinite[0]
-        raise InputError(f"{file}, row {line(row)}, column '{header[column]}': infinite; correct it or leave it empty")
-    times = table[:, header.index(TIME)]
-    if np.isnan(times).any():
-        raise InputError(f"{file}, row {line(int(np.argmax(np.isnan(times))))}: no time; fill it in or delete the row")
-    backwards = np.flatnonzero(np.diff(times) <= 0)
-    if len(backwards):
-        row = int(backwards[0]) + 1
-        what = "repeats the row before" if times[row] == times[row - 1] else f"comes after {float(times[row - 1])!r}"
-        place = f"{file}, row {line(row)}, column '{TIME}'"
-        raise InputError(f"{place}: {float(times[row])!r} {what}; sort the rows by time and delete repeats")
-    for column, cells in zip(header, table.T, strict=True):
-        if np.isnan(cells).all():
-            raise InputError(f"{file}, column '{column}': empty from top to bottom; delete the column")
+    def _name_the_cell(self, columns: list[Column], decimal: str) -> None:
+        """Raise InputError for the first cell that is no number. Slow and exact."""
+        empty = {"", "nan", "na", "n/a", "null", "none", "<na>", "#n/a", *(e.lower() for e in EMPTY)}
+        separator = "\t" if self.layout.separator == " " else self.layout.separator
+        for row, line in self.rows():
+            cells = line.split(separator)
+            for column in columns:
+                cell = cells[column.place].strip() if column.place < len(cells) else ""
+                if cell.lower() not in empty and number(cell, decimal) is None:
+                    place = f"{self.file}, row {row}, column '{column.header}'"
+                    raise InputError(f"{place}: {shown(cell)} is not a number; correct it or leave it empty")
 
+    # -- time
 
-def _number(cell: str) -> float | None:
-    try:
-        return None if "_" in cell else float(cell)
-    except ValueError:
-        return None
+    def _first_time(self) -> str:
+        """The first time where it is a date or a time of day, else nothing."""
+        for _, line in self.rows():
+            cells = split(line, "\t" if self.layout.separator == " " else self.layout.separator)
+            cell = cells[self.time.place] if self.time.place < len(cells) else ""
+            return cell if re.match(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d+:\d\d", cell) and number(cell) is None else ""
+        return ""
 
+    def _times(self, times: Array) -> Array:
+        if np.isnan(times).any():
+            raise InputError(f"{self.file}, row {self.row(int(np.argmax(np.isnan(times))))}: no time; fill it in or delete the row")
+        if np.isinf(times).any():
+            raise self.error(int(np.argmax(np.isinf(times))), self.time, "infinite; correct it or leave it empty")
+        return times * self.time.factor if self.time.factor != 1.0 else times
 
-def _shown(text: str) -> str:
-    """A cell as it stands in one line of a message."""
-    return repr(text if len(text) <= 40 else text[:37] + "...")
+    def _dates(self, cells: Any) -> NDArray[np.int64]:
+        """Whole ns of dates (since 1970) or times of day."""
+        import pandas as pd
 
-
-# ---------------------------------------------------------------- writing
-
-
-def _nanoseconds(stamp: int) -> str:
-    sign, stamp = ("-", -stamp) if stamp < 0 else ("", stamp)
-    return f"{sign}{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}"
-
-
-def _replace(file: Path, text: str) -> None:
-    """Write to a sibling and rename, so that no half-written file is ever seen under the name."""
-    temporary = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(file)
-    finally:
-        temporary.unlink(missing_ok=True)
+        text = cells.fillna("").str.strip()
+        if self.layout.decimal == ",":
+            text = text.str.replace(",", ".")
+        first = text.iloc[0]
+        if re.match(r"\d+:", first):
+            text = text.where(text.str.count(":") != 1, "00:" + text)
+            times = pd.to_timedelta(text, errors="coerce").astype("timedelta64[ns]")
+        elif re.match(r"\d{4}-", first):
+            times = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce").dt.as_unit("ns")
+        else:
+            times = pd.to_datetime(text, format="mixed", dayfirst=True, utc=True, errors="coerce").dt.as_unit("ns")
+        if times.isna().any():
+            i = int(times.isna().to_numpy().argmax())
+            if not text.iloc[i]:
+                raise InputError(f"{self.file}, row {self.row(i)}: no time; fill it in or delete the row")
+            raise self.error(i, self.time, f"{shown(text.iloc[i])} is no time like {shown(first)}; correct it or delete the row")
+        return times.astype("int64").to_numpy()

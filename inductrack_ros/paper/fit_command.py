@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
     import json
 
     from ..core.model import Model
-    from ..data import load_campaign
+    from ..data import load_campaign, usable
     from ..estimation.identify import Identification, verdict
     from ..estimation.misfits import DURATION, JointMisfit, SeriesMisfit, TravelMisfit, read_travels
     from ..progress import progress, say_notes
@@ -87,10 +87,11 @@ def run(arguments: argparse.Namespace) -> None:
     if campaign is not None and Path(arguments.output).resolve() == Path(campaign.folder).resolve():
         raise InputError(f"--output {arguments.output}: that is the campaign's own folder; choose another")
     write_files(arguments.output, {})
-    say_notes(campaign.notes if campaign else ())
 
     if campaign is not None:
         model = campaign.load_model(arguments.model, arguments.effects)
+        campaign = usable(campaign, model)
+        say_notes(campaign.notes)
     elif arguments.model:
         model = Model.load(arguments.model, arguments.effects)
     else:

@@ -1,0 +1,56 @@
+"""Units as loggers write them in a header, and their factors to SI."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from ..core.state import CHANNELS, UNITS
+
+_PREFIXES = {"": 1.0, "k": 1e3, "d": 1e-1, "c": 1e-2, "m": 1e-3, "µ": 1e-6, "u": 1e-6, "n": 1e-9}
+_LENGTHS = {f"{p}m": f for p, f in _PREFIXES.items()} | {"in": 0.0254, "inch": 0.0254, "ft": 0.3048, "meter": 1.0, "metre": 1.0, "micron": 1e-6}
+_ANGLES = {f"{p}rad": _PREFIXES[p] for p in ("", "m", "µ", "u")} | dict.fromkeys(("deg", "°", "degree", "º"), math.pi / 180)
+_TIMES = {f"{p}s": _PREFIXES[p] for p in ("", "m", "µ", "u", "n")}
+_TIMES |= dict.fromkeys(("sec", "second"), 1.0) | {"msec": 1e-3, "usec": 1e-6, "nsec": 1e-9, "min": 60.0, "h": 3600.0}
+_CURRENTS = {f"{p}A": _PREFIXES[p] for p in ("", "k", "m")}
+_TABLES = {"m": _LENGTHS, "rad": _ANGLES, "s": _TIMES, "A": _CURRENTS}
+_SPECIAL = {
+    "m/s": {"kph": 1 / 3.6, "kmh": 1 / 3.6, "mps": 1.0},
+    "rad/s": {"rpm": math.pi / 30},
+    "m/s²": {"g": 9.80665, "mg": 9.80665e-3},
+}
+#: Unit of every column that a run may have.
+SI = {"time": "s", "drive_current": "A"} | {c: UNITS[c] for c in CHANNELS}
+
+
+def factor(unit: str, si: str) -> float | None:
+    """What a number in ``unit`` is multiplied with to be in ``si`` (m, rad, s, A, m/s, rad/s, m/s²); None for a unit of something else."""
+    unit = unit.strip().replace("μ", "µ")  # the Greek letter and the sign
+    for spelling in (unit, unit.lower()):
+        value = _factor(spelling, si)
+        if value is not None:
+            return value
+    return None
+
+
+def any_factor(unit: str) -> float | None:
+    """The same for whatever ``unit`` measures."""
+    return next((f for si in (*_TABLES, "m/s", "rad/s", "m/s²") if (f := factor(unit, si)) is not None), None)
+
+
+def _factor(unit: str, si: str) -> float | None:
+    if unit in _SPECIAL.get(si, {}):
+        return _SPECIAL[si][unit]
+    above, _, below = si.partition("/")
+    if not below:
+        singular = unit[:-1] if unit.endswith("s") and len(unit) > 3 else unit
+        return _TABLES[above].get(unit, _TABLES[above].get(singular))
+    power = 2 if below == "s²" else 1
+    match = re.fullmatch(r"(.+?)(?:/|_per_| per |·|\*|_| )\s*\(?([a-zA-Zµ]+?)(\^|\*\*)?(-?[12²]|⁻¹|⁻²)?\)?", unit)
+    if match is None:
+        return None
+    top, bottom = _factor(match[1].strip(), above), _TABLES["s"].get(match[2])
+    exponent = {None: 1, "1": 1, "-1": 1, "⁻¹": 1, "2": 2, "²": 2, "-2": 2, "⁻²": 2}[match[4]]
+    if top is None or bottom is None or exponent != power:
+        return None
+    return top / bottom**power
