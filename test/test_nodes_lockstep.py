@@ -22,6 +22,7 @@ from inductrack_ros.nodes.topics import nanoseconds_of
 EXAMPLE = Path(__file__).parent.parent / "examples" / "my_controller.py"
 SIM = ["--ros-args", "-p", "drive:=pulses", "-p", "initial_state:='surge_rate=15.0'"]
 LOCKSTEP = ["-p", "lockstep:=true"]
+LOCKSTEP_CURRENT = ["--ros-args", "-p", "mode:=current", "-p", "drive_current:=9000.0", "-p", "lockstep:=true"]
 HOLD = ["--ros-args", "-p", "mode:=speed", "-p", "target_speed:=15.0"]
 
 
@@ -96,6 +97,26 @@ def test_two_lockstep_runs_give_the_same_bag(ros, tmp_path):
     assert cli.main(["compare", str(tmp_path), "--output", str(tmp_path / "out")]) == 0
     comparison = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert 0.9 < comparison["error_over_noise"] < 1.1
+
+
+def test_mode_gains_and_lead_change_while_the_controller_runs(ros):
+    twist = ros.listen(TwistStamped, "/inductrack/twist")
+    fired = ros.listen(PointStamped, "/inductrack/fired_pulses")
+    sim = ros.start("sim", *SIM, *LOCKSTEP, "-p", "rate:=250.0")
+    controller = ros.start("track_controller", *LOCKSTEP_CURRENT)
+    ros.wait(lambda: fired and twist[-1].twist.linear.x > 16.0, "9000 A to speed the cradle up")
+    name = "/inductrack/track_controller"
+    for parameter, value in (("target_speed", 15.5), ("gain", 6000.0), ("lead", 0.01), ("max_current", 12000.0), ("mode", "speed")):
+        assert ros.set_parameter(name, parameter, value).successful
+    controller.wait_for("firing for 15.5 m/s, 10 ms ahead")
+    for parameter, value in (("mode", "sideways"), ("lead", 9.0), ("gain", float("nan")), ("lockstep", False)):
+        assert not ros.set_parameter(name, parameter, value).successful
+    ros.wait(lambda: abs(twist[-1].twist.linear.x - 15.5) < 0.1, "the speed it was asked to hold")
+    began = seconds(twist[-1])
+    ros.wait(lambda: seconds(twist[-1]) > began + 1.0, "another second")
+    assert max(abs(m.twist.linear.x - 15.5) for m in twist if seconds(m) > began) < 0.6
+    assert max(abs(m.point.y) for m in fired if seconds(m) > began) <= 12000.0
+    assert sim.stop() == 0 and controller.stop() == 0
 
 
 def test_lockstep_waits_and_says_for_whom(ros):

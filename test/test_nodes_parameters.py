@@ -8,6 +8,8 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter as RosParameter
 from test_fuzz import TREES, WORDS, fuzz
 
 from inductrack_ros import cli
@@ -37,6 +39,7 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Capture
                 self.finished = True
 
             def close(self) -> None:
+                getattr(self, "at_the_end", lambda: None)()
                 found.update({n: p.value for n, p in self.get_parameters_by_prefix("").items()})
 
         Path("given.yaml").write_text(text)
@@ -123,6 +126,30 @@ def test_what_is_for_all_nodes_may_hold_what_one_does_not_have(start, node):
     status, found, said = start(node, "/**: {ros__parameters: {wavelength: 0.11, my_own: {deep: 1}, mine: 2}}")
     assert status == 0 and found["wavelength"] == 0.11 and "mine" in said and "[WARN]" in said or "warning" in said
     assert start(node, "", "-p", "mine:=2")[0] == 2  # given to this node
+
+
+@pytest.mark.parametrize("name", ["sim", "monitor", "track_controller"])
+def test_what_another_callback_refuses_takes_no_effect(start, monkeypatch, name):
+    """A value counts once all of a node's callbacks have accepted it."""
+    seen: list = []
+
+    def refuse(node) -> None:
+        def others(changed):
+            return SetParametersResult(successful=seen[-1], reason="not now")
+
+        node.add_on_set_parameters_callback(others)  # asked before ours: the newest is the first
+        node._on_set_parameters_callbacks.reverse()  # and after ours
+        in_force = {"sim": lambda: node.model, "monitor": lambda: node.monitor.model, "track_controller": lambda: node._hold.speed}[name]
+        parameter = "target_speed" if name == "track_controller" else "mass"
+        for accept in (False, True):
+            seen.append(accept)
+            before = in_force()
+            assert node.set_parameters([RosParameter(parameter, value=9.0)])[0].successful is accept
+            assert (in_force() != before) is accept
+        seen.append("done")
+
+    monkeypatch.setattr(NODES[name], "at_the_end", refuse, raising=False)
+    assert start(name)[0] == 0 and seen[-1] == "done"
 
 
 def test_effect_files_are_sought_beside_the_file_that_names_them(start, tmp_path):

@@ -82,11 +82,14 @@ class Motion:
 
 
 class SpeedHold:
-    """Current that holds a speed: proportional and integral, within limits, the integral standing still at them."""
+    """Current that holds a speed: proportional and integral, within limits, the integral standing still at them.
+
+    ``speed`` (m/s), ``gain``, ``integral_gain`` and ``limit`` (A) may be changed while it holds one.
+    """
 
     def __init__(self, speed: float, current: float, gain: float, integral_gain: float, limit: float) -> None:
         self.speed = speed
-        self._gain, self._integral_gain, self._limit = gain, integral_gain, limit
+        self.gain, self.integral_gain, self.limit = gain, integral_gain, limit
         self._integral = current
         self._last: float | None = None
 
@@ -95,16 +98,18 @@ class SpeedHold:
         error = self.speed - speed
         passed = 0.0 if self._last is None else time - self._last
         self._last = time
-        integral = self._integral + self._integral_gain * error * passed
-        asked = integral + self._gain * error
-        limited = min(max(asked, 0.0), self._limit)
+        integral = self._integral + self.integral_gain * error * passed
+        asked = integral + self.gain * error
+        limited = min(max(asked, 0.0), self.limit)
         if limited == asked:
             self._integral = integral
         return limited
 
 
 class FiringPlan:
-    """Turns edges into pulses: each coil once, `lead` seconds or less before its time."""
+    """Turns edges into pulses: each coil once, ``lead`` seconds or less before its time; none below ``minimum_speed`` (m/s).
+    Both may be changed.
+    """
 
     def __init__(
         self, motion: Motion, coil_spacing: float, pulse_length: float, lead: float, minimum_speed: float
@@ -112,13 +117,13 @@ class FiringPlan:
         self.motion = motion
         self._spacing = coil_spacing
         self._half_pulse = 0.5 * pulse_length
-        self._lead = lead
-        self._minimum_speed = minimum_speed
+        self.lead = lead
+        self.minimum_speed = minimum_speed
         self._next_coil = 0
 
     def pulses(self, now: float, amplitude: float | SpeedHold) -> list[Pulse]:
         """Pulses to command now (s); the amplitude (A) is given, or asked of a `SpeedHold`."""
-        if not self.motion.known or self.motion.speed < self._minimum_speed:
+        if not self.motion.known or self.motion.speed < self.minimum_speed:
             return []
         here = self.motion.place(now)
         # The first coil whose pulse has not begun yet; never one that was fired already.
@@ -129,7 +134,7 @@ class FiringPlan:
         commands = []
         for _ in range(MOST_AT_ONCE):
             begin = self.motion.passage(coil * self._spacing) - self._half_pulse
-            if not begin <= now + self._lead:
+            if not begin <= now + self.lead:
                 break
             current = amplitude.current(begin, self.motion.speed) if isinstance(amplitude, SpeedHold) else amplitude
             if begin > now and current != 0.0:

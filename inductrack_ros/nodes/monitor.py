@@ -7,9 +7,7 @@ import time
 
 import numpy as np
 from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped, WrenchStamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from threadpoolctl import threadpool_limits
 
@@ -24,7 +22,7 @@ from ..monitoring.monitor import Monitor, Window
 from ..reports.words import sized
 from .diagnostics import PERIOD, Diagnostics
 from .overrides import Overrides
-from .parameters import Option, declare, effect_parameters, given, plain, with_values, without_unknown
+from .parameters import Option, declare, effect_parameters, given, when_set, with_values, without_unknown
 from .runtime import DEPTH, NAMESPACE, every, run
 from .topics import fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
 
@@ -52,8 +50,8 @@ class MonitorNode(Node):
         known = without_unknown({n: v for n, v in ours.items() if "." not in n}, {**PARAMETERS, **MODEL_OPTIONS}, self, shared)
         model = Model.from_mapping(known | {n: v for n, v in ours.items() if "." in n}, where="monitor", shared=shared)
         of_effects = effect_parameters(model)
-        live = {*PARAMETERS, *of_effects}
-        self._options = declare(self, {**PARAMETERS, **MODEL_OPTIONS, **of_effects, **OWN}, live)
+        self._live = {*PARAMETERS, *of_effects}
+        self._options = declare(self, {**PARAMETERS, **MODEL_OPTIONS, **of_effects, **OWN}, self._live)
         options = self._options
         self.monitor = Monitor(
             model, np.array([max(options[name], 1e-12) for name in _NOISE]),
@@ -72,7 +70,7 @@ class MonitorNode(Node):
         self.create_subscription(TwistStamped, "measured/twist", self._take_twist, asked)
         for topic, fired in (("fired_pulses", True), ("drive_pulses", False)):
             self.create_subscription(PointStamped, topic, lambda m, fired=fired: self._take_pulse(m, fired), asked)
-        self.add_on_set_parameters_callback(self._change_parameters)
+        when_set(self, self._changed, self._take_parameters)
         self._frame = ""
         self._diagnostics = Diagnostics(self, "model", "rig")
         self._said = ""
@@ -107,13 +105,12 @@ class MonitorNode(Node):
             )
         self.monitor.pulse(nanoseconds_of(message.header.stamp), message.point.x, message.point.y, fired)
 
-    def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
-        try:
-            model = with_values(self.monitor.model, {p.name: plain(p.value) for p in changed})
-        except InputError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        self.monitor.change(model)
-        return SetParametersResult(successful=True)
+    def _changed(self, values: dict[str, object]) -> Model:
+        return with_values(self.monitor.model, {n: v for n, v in values.items() if n in self._live})
+
+    def _take_parameters(self, values: dict[str, object]) -> None:
+        if values.keys() & self._live:
+            self.monitor.change(self._changed(values))
 
     # -- what goes out --------------------------------------------------------------------------------------------
 

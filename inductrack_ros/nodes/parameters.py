@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
@@ -14,7 +15,7 @@ from ..core.parameters import PARAMETERS, Parameter
 from .overrides import EMPTY
 
 __all__ = [
-    "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "given", "plain", "with_values", "without_unknown",
+    "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "given", "plain", "when_set", "with_values", "without_unknown",
 ]  # fmt: skip
 
 #: Parameters that rclpy itself declares.
@@ -63,6 +64,25 @@ def declare(node: Node, declared: Declared, live: Collection[str] = ()) -> dict[
         node.declare_parameter(name, list(value) if isinstance(value, tuple) else value, _descriptor(one, name in live), ignore_override=True)
         values[name] = value
     return values
+
+
+def when_set(node: Node, check: Callable[[dict[str, object]], object], take: Callable[[dict[str, object]], None]) -> None:
+    """What is set while the node runs, as names and plain values: ``check`` raises `InputError` for what cannot be, ``take``
+    is called once all have accepted it, other callbacks of the node too.
+    """
+
+    def values(changed: list[RosParameter]) -> dict[str, object]:
+        return {parameter.name: plain(parameter.value) for parameter in changed}
+
+    def asked(changed: list[RosParameter]) -> SetParametersResult:
+        try:
+            check(values(changed))
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(asked)
+    node.add_post_set_parameters_callback(lambda changed: take(values(changed)))
 
 
 def effect_parameters(model: Model) -> dict[str, Parameter]:

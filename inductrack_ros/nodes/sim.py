@@ -8,9 +8,7 @@ import time
 
 import numpy as np
 from geometry_msgs.msg import PointStamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -24,7 +22,7 @@ from ..core.state import OUTPUTS
 from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
 from .overrides import Overrides
-from .parameters import declare, effect_parameters, given, plain, with_values, without_unknown
+from .parameters import declare, effect_parameters, given, when_set, with_values, without_unknown
 from .runtime import DEPTH, NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
 from .topics import SimulatorTopics, channels, nanoseconds_of, stamp_of
@@ -72,7 +70,7 @@ class SimNode(Node):
         self.create_service(SetBool, "~/pause", self._pause)
         self.create_service(Trigger, "~/step", self._step)
         self.create_service(Trigger, "~/reset", self._reset)
-        self.add_on_set_parameters_callback(self._change_parameters)
+        when_set(self, self._changed, self._take_parameters)
 
         self.paused = options["paused"]
         self.deadline_misses = self.contacts = 0
@@ -265,21 +263,21 @@ class SimNode(Node):
         response.success, response.message = True, "at the initial state, 0 s"
         return response
 
-    def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
-        values = {p.name: plain(p.value) for p in changed}
-        try:
-            for name in values.keys() & self._declared.keys():  # rclpy's own check of a range lets NaN pass
-                self._declared[name].check(name, values[name])
-            model = with_values(self.model, {n: v for n, v in values.items() if n in self._in_model})
-            self.simulation.change(model)
-        except InputError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        self.model = model
+    def _changed(self, values: dict[str, object]) -> Model:
+        """The model with these of its values; raises `InputError` for what cannot be, here and now."""
+        for name in values.keys() & self._declared.keys():  # rclpy's own check of a range lets NaN pass
+            self._declared[name].check(name, values[name])
+        model = with_values(self.model, {n: v for n, v in values.items() if n in self._in_model})
+        self.simulation.check(model)
+        return model
+
+    def _take_parameters(self, values: dict[str, object]) -> None:
+        self.model = self._changed(values)
+        self.simulation.change(self.model)
         self._options.update(values)
-        self.sensors.change(self._options, model)
+        self.sensors.change(self._options, self.model)
         if "speed_factor" in values:
             self._resume()
-        return SetParametersResult(successful=True)
 
     # -- what it says ---------------------------------------------------------------------------------------------
 

@@ -37,6 +37,10 @@ class Simulation:
         """Simulated seconds since the start or the last reset."""
         return self.ticks / self.rate
 
+    def check(self, model: Model) -> None:
+        """Raises `InputError` where another model has no finite forces in the present state."""
+        self._finite(self.x, self.time, self.queue.burning(), self._origin, model)
+
     def change(self, model: Model) -> None:
         """Go on with another model from the present state. Raises `InputError` where it has no finite forces there."""
         quantities = self._finite(self.x, self.time, self.queue.burning(), self._origin, model)

@@ -6,9 +6,7 @@ import sys
 import time
 
 from geometry_msgs.msg import PointStamped, PoseStamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import UInt64MultiArray
 
@@ -18,7 +16,7 @@ from .detectors import Photodiodes
 from .diagnostics import PERIOD, Diagnostics
 from .firing import FiringPlan, Motion, SpeedHold
 from .overrides import Overrides
-from .parameters import MODEL_OPTIONS, Option, declare, given, plain, without_unknown
+from .parameters import MODEL_OPTIONS, Option, declare, given, when_set, without_unknown
 from .runtime import DEPTH, NAMESPACE, every, run
 from .topics import nanoseconds_of, pulse_message, stamp_of
 
@@ -42,7 +40,7 @@ DECLARED = {
     "detectors.false_rate": Parameter(0.0, "1/s", 0.0, 1e4, "reports that come from nothing"),
     "detectors.seed": Option(0, "seed of the false reports"),
 }
-LIVE = {"drive_current", "target_speed"}
+LIVE = {"mode", "drive_current", "target_speed", "gain", "integral_gain", "max_current", "min_speed", "lead"}
 BACK = 0.1  # m; a pose so far behind the last one means that the simulator was reset
 AHEAD = 1.0, 10.0  # s, m; one so far ahead of it, that the clock jumped or another simulator speaks
 LAST_STAMP = (2**31 - 2) * 10**9  # ns; a message cannot hold a later time
@@ -71,13 +69,10 @@ class TrackController(Node):
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         qos = QoSProfile(depth=DEPTH) if options["lockstep"] else newest
         self.create_subscription(PoseStamped, "pose", self._take_pose, qos)
-        self.add_on_set_parameters_callback(self._change_parameters)
+        when_set(self, self._check_parameters, self._take_parameters)
         self._diagnostics = Diagnostics(self, "firing")
         every(self, PERIOD, self._diagnose)
-        asked = (
-            f"{options['drive_current']:g} A" if options["mode"] == "current" else f"{options['target_speed']:g} m/s"
-        )
-        self.get_logger().info(f"firing for {asked}, {1e3 * options['lead']:g} ms ahead")
+        self.get_logger().info(self._what_it_does())
 
     def _begin(self) -> None:
         """A new run: nothing is known of the motion."""
@@ -92,13 +87,21 @@ class TrackController(Node):
         self._plan = FiringPlan(
             self._motion, 0.5 * options["wavelength"], options["pulse_length"], options["lead"], options["min_speed"]
         )
-        self._hold = SpeedHold(
-            options["target_speed"], options["drive_current"], options["gain"], options["integral_gain"],
-            options["max_current"],
-        )  # fmt: skip
+        self._hold = self._new_hold()
         self._zero: int | None = None  # ns of the first pose; the times of this run are seconds since
         self._newest = 0
         self._surge = 0.0
+
+    def _new_hold(self) -> SpeedHold:
+        options = self._options
+        return SpeedHold(
+            options["target_speed"], options["drive_current"], options["gain"], options["integral_gain"], options["max_current"]
+        )
+
+    def _what_it_does(self) -> str:
+        options = self._options
+        asked = f"{options['drive_current']:g} A" if options["mode"] == "current" else f"{options['target_speed']:g} m/s"
+        return f"firing for {asked}, {1e3 * options['lead']:g} ms ahead"
 
     def _take_pose(self, message: PoseStamped) -> None:
         stamp = nanoseconds_of(message.header.stamp)
@@ -130,18 +133,21 @@ class TrackController(Node):
         passed, moved = (stamp - self._newest) / 1e9, surge - self._surge
         return 0.0 <= passed <= AHEAD[0] and -BACK <= moved <= AHEAD[1]
 
-    def _change_parameters(self, changed: list[RosParameter]) -> SetParametersResult:
-        try:
-            for parameter in changed:
-                if parameter.name in DECLARED:  # rclpy's own check of a range lets NaN pass
-                    DECLARED[parameter.name].check(parameter.name, plain(parameter.value))
-        except InputError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        for parameter in changed:
-            self._options[parameter.name] = parameter.value
-            if parameter.name == "target_speed":
-                self._hold.speed = parameter.value
-        return SetParametersResult(successful=True)
+    def _check_parameters(self, values: dict[str, object]) -> None:
+        for name in values.keys() & DECLARED.keys():  # rclpy's own check of a range lets NaN pass
+            DECLARED[name].check(name, values[name])
+
+    def _take_parameters(self, values: dict[str, object]) -> None:
+        before = self._options["mode"]
+        self._options.update(values)
+        options = self._options
+        self._plan.lead, self._plan.minimum_speed = options["lead"], options["min_speed"]
+        if options["mode"] != before:
+            self._hold = self._new_hold()  # it begins at the current that was fired so far
+        hold = self._hold
+        hold.speed, hold.limit = options["target_speed"], options["max_current"]
+        hold.gain, hold.integral_gain = options["gain"], options["integral_gain"]
+        self.get_logger().info(self._what_it_does())
 
     def _diagnose(self) -> None:
         silent = None if self._last_pose is None else time.monotonic() - self._last_pose
