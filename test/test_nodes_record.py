@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.state import STATES
-from inductrack_ros.data.bags import read_bag, write_bag
+from inductrack_ros.data import read_bag, write_bag
 from inductrack_ros.nodes.bag import SegmentedBag
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -130,6 +130,19 @@ def test_where_nothing_can_be_written_it_says_so(ros, tmp_path):
     shutil.rmtree(tmp_path / "bag")
     (tmp_path / "bag").write_text("")
     assert recorder.wait() == 1 and "recording ends" in recorder.output and "Traceback" not in recorder.output
+
+
+@pytest.mark.parametrize("stamp", ["receive", "header"])
+def test_a_duration_is_kept_to_a_tenth_of_a_second(ros, tmp_path, stamp):
+    """It once ended up to half a second late, at the next flush. Half a second of time, by either clock."""
+    bag = tmp_path / "bag"
+    recorder = ros.start("record", "-o", str(bag), "-d", "0.5", "--stamp", stamp)
+    source(ros, 2, 100000)
+    assert recorder.wait() == 0
+    with Reader(bag) as reader:
+        span = reader.duration / 1e9
+        assert 0.4 < span < 0.6 if stamp == "receive" else span == pytest.approx(0.5, abs=0.1)
+        assert reader.message_count > 100
 
 
 def test_only_asked_topics_and_a_duration(ros, tmp_path):

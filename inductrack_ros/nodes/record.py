@@ -22,6 +22,7 @@ from .runtime import NAMESPACE, every, run
 
 QUEUE_DEPTH = 20000  # messages a topic may bring while one second is being written
 FLUSH_PERIOD = 0.5  # s; what `kill -9` can cost, with the second of grace the promise gives
+TIME_PERIOD = 0.02  # s between looks at the time, where a duration is asked for
 LOOK_PERIOD = 0.2  # s between looks for new topics
 NOT_WANTED = ("lockstep/", "forces", "scene")  # unless asked for: bookkeeping, and what is there once more as markers
 
@@ -36,12 +37,15 @@ class Recorder(Node):
         self._skipped: set[str] = set()
         self._begun: float | None = None  # s, monotonic
         self._first: dict[str, int] = {}  # header stamp (ns) of each topic's first message
+        self._last = float("inf") if options.duration is None else options.duration * 1e9  # ns since the first message
         self._span = 0  # ns between the stamps of one topic, at most
         self._subscriptions_by_topic: dict[str, Subscription] = {}
         self.finished, self.exit_status = False, 0
         self._look_for_topics()
         every(self, LOOK_PERIOD, self._look_for_topics)
         every(self, FLUSH_PERIOD, self._flush)
+        if options.duration is not None:
+            every(self, TIME_PERIOD, self._look_at_time)
         self.get_logger().info(f"recording into {options.output}; Ctrl-C ends it")
 
     def _wanted(self, topic: str) -> bool:
@@ -92,12 +96,18 @@ class Recorder(Node):
             self._keep(topic, taken[0])
 
     def _keep(self, topic: str, data: bytes) -> None:
+        """Hold a message for the bag, unless it comes after the end that was asked for."""
+        if self._begun is None:
+            self._begun = time.monotonic()
         if self._options.stamp == "header":
             at = stamp_ns(data)
-            self._span = max(self._span, at - self._first.setdefault(topic, at))
+            passed = at - self._first.setdefault(topic, at)
+            self._span = max(self._span, passed)
         else:
             at = time.time_ns()
-        self._bag.write(topic, at, data)
+            passed = (time.monotonic() - self._begun) * 1e9
+        if passed <= self._last:
+            self._bag.write(topic, at, data)
 
     def _flush(self) -> None:
         try:
@@ -105,13 +115,11 @@ class Recorder(Node):
         except OSError as error:  # the disk is full, the folder gone; what was flushed before can be read
             self._fail(f"cannot be written: {error.strerror}; recording ends, what is in it can be read")
             self.finished = True
-            return
-        if self._options.duration is None or not self._bag.message_count:
-            return
-        if self._begun is None:
-            self._begun = time.monotonic()
-        passed = 1e-9 * self._span if self._options.stamp == "header" else time.monotonic() - self._begun
-        self.finished = passed >= self._options.duration
+
+    def _look_at_time(self) -> None:
+        if self._begun is not None:
+            passed = self._span if self._options.stamp == "header" else (time.monotonic() - self._begun) * 1e9
+            self.finished |= passed >= self._last
 
     def close(self) -> None:
         if not self.exit_status:
@@ -141,7 +149,7 @@ def parse(args: list[str]) -> argparse.Namespace:
     parser.add_argument("-a", "--all", action="store_true", help="record every topic there is")
     parser.add_argument("-n", "--namespace", default=NAMESPACE, help=f"default: {NAMESPACE}")
     parser.add_argument("-o", "--output", help="folder of the bag; default: rosbag2_<date and time>")
-    parser.add_argument("-d", "--duration", type=float, help="end so many seconds after the first message, of the time that --stamp says")
+    parser.add_argument("-d", "--duration", type=_duration, help="end so many seconds after the first message, of the time that --stamp says")
     parser.add_argument(
         "--stamp", choices=["receive", "header"], default="receive",
         help="time a message is filed under: its arrival, or its own header stamp (stamped topics only), "
@@ -151,6 +159,13 @@ def parse(args: list[str]) -> argparse.Namespace:
     options.namespace = options.namespace.strip("/")
     options.output = options.output or _unused_name()
     return options
+
+
+def _duration(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError("must be above 0")
+    return value
 
 
 def _unused_name() -> str:
