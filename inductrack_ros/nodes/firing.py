@@ -108,18 +108,19 @@ class SpeedHold:
 
 class FiringPlan:
     """Turns edges into pulses: each coil once, ``lead`` seconds or less before its time; none below ``minimum_speed`` (m/s).
-    Both may be changed.
+    Both may be changed. ``waits``: time waits for what is commanded (lockstep), so that nothing comes too late.
     """
 
     def __init__(
-        self, motion: Motion, coil_spacing: float, pulse_length: float, lead: float, minimum_speed: float
+        self, motion: Motion, coil_spacing: float, pulse_length: float, lead: float, minimum_speed: float, waits: bool = False
     ) -> None:
         self.motion = motion
         self._spacing = coil_spacing
         self._half_pulse = 0.5 * pulse_length
         self.lead = lead
         self.minimum_speed = minimum_speed
-        self._next_coil = 0
+        self._waits = waits
+        self._next_coil: int | None = None
 
     def pulses(self, now: float, amplitude: float | SpeedHold) -> list[Pulse]:
         """Pulses to command now (s); the amplitude (A) is given, or asked of a `SpeedHold`."""
@@ -128,8 +129,8 @@ class FiringPlan:
         here = self.motion.place(now)
         # The first coil whose pulse has not begun yet; never one that was fired already.
         ahead = int(np.floor((here + self.motion.speed * self._half_pulse) / self._spacing)) + 1
-        if abs(ahead - self._next_coil) > 100:  # a new run, somewhere else
-            self._next_coil = ahead
+        if self._next_coil is None or abs(ahead - self._next_coil) > 100:  # a new run, somewhere else
+            self._next_coil = self._first_in_time(ahead, now)
         coil = max(self._next_coil, ahead, 0)
         commands = []
         for _ in range(MOST_AT_ONCE):
@@ -142,3 +143,11 @@ class FiringPlan:
             coil += 1
         self._next_coil = coil
         return commands
+
+    def _first_in_time(self, coil: int, now: float) -> int:
+        """The first coil from this one on that can be told its time the whole lead ahead; what is told later may come too late."""
+        for _ in range(MOST_AT_ONCE):
+            if self._waits or self.motion.passage(coil * self._spacing) - self._half_pulse > now + self.lead:
+                break
+            coil += 1
+        return coil

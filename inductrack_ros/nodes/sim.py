@@ -115,6 +115,7 @@ class SimNode(Node):
                 self._resume()
                 return
             self._publish()
+            self._resume()  # the first state takes longer than others; time begins once it is out, or a rush would follow
         if self.paused:
             return
         if now - self._last_wake > 2.0 / rate:

@@ -85,8 +85,9 @@ class TrackController(Node):
             options["detectors.width"], options["detectors.assumed_latency"], tolerance=0.25 * options["wavelength"]
         )
         self._plan = FiringPlan(
-            self._motion, 0.5 * options["wavelength"], options["pulse_length"], options["lead"], options["min_speed"]
-        )
+            self._motion, 0.5 * options["wavelength"], options["pulse_length"], options["lead"], options["min_speed"],
+            waits=options["lockstep"],
+        )  # fmt: skip
         self._hold = self._new_hold()
         self._zero: int | None = None  # ns of the first pose; the times of this run are seconds since
         self._newest = 0
