@@ -217,7 +217,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
     if arguments.drive_current is not None:
         PARAMETERS["drive_current"].check("--drive-current", arguments.drive_current)
     times = np.arange(round(arguments.duration * arguments.rate) + 1) / arguments.rate
-    start = model.initial_state(**initial)
+    start = model.initial_state(drive_current=arguments.drive_current, **initial)
     run = model.simulate(times, start, arguments.drive_current)
     lost = np.flatnonzero(~np.isfinite(run.states).all(axis=1))
     if lost.size:

@@ -382,7 +382,7 @@ def test_coil_current_settles_from_nothing():
 def heave_damping_of_lag(speed):
     """c of m ÿ + c ẏ + … at held speed: −2 m Re λ of the bounce, linearised with its two current states."""
     model = Model.create(effects=["coil_current_dynamics"], dof=1)
-    centre = model.initial_state(surge_rate=speed)
+    centre = model.with_effect_states(model.initial_state(surge_rate=speed))
     places = [2, 6, 8, 9]
     sizes = [1e-7, 1e-5, *(1e-5 * np.abs(centre[8:]).max() * np.ones(2))]
     matrix = np.empty((4, 4))

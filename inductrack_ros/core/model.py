@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -257,57 +257,72 @@ class Model:
 
     # -- running it ---------------------------------------------------------------------------------------------
 
-    def initial_state(self, **given: float) -> np.ndarray:
-        """A state vector from named values; heave is the equilibrium heave unless given, the rest zero.
+    def initial_state(self, *, drive_current: float | None = None, **given: float) -> np.ndarray:
+        """The eight states (8,) from named values; heave is the equilibrium heave unless given, the rest zero.
 
-        Returns (8 + states of effects,). Raises `InputError` for an unknown name or a value that is not finite.
+        The states of effects are no part of it: they settle on a run's own conditions, its ``drive_current`` (A) and its
+        pulses, where the run begins. Raises `InputError` for an unknown name or a value that is not finite.
         """
         for name, value in given.items():
             if name not in STATES:
                 raise InputError(f"initial state: unknown name '{name}'{did_you_mean(name, STATES)}")
             if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
                 raise InputError(f"initial state: {name} = {value!r} is not a finite number")
-        x = np.zeros(len(self.kernel.states))
+        x = np.zeros(len(STATES))
         for name, value in given.items():
             x[INDEX[name]] = value
         if "heave" not in given:
-            x[INDEX["heave"]] = self.equilibrium_heave(x[INDEX["surge_rate"]])
-        return self.with_effect_states(x)
+            x[INDEX["heave"]] = self.equilibrium_heave(x[INDEX["surge_rate"]], drive_current)
+        return x
 
     @property
     def carries_states(self) -> bool:
         """Whether any effect that is on has states of its own."""
         return any(self.known_effects[e].states for e in self.kernel.effects if e in self.effects)
 
-    def with_effect_states(self, x: np.ndarray, time: float = 0.0, P: np.ndarray | None = None) -> np.ndarray:
-        """``x`` with the effects' own states set to the quantities they start on (steady values), at parameters P or the model's."""
+    def with_effect_states(
+        self,
+        x: np.ndarray,
+        time: float = 0.0,
+        P: np.ndarray | None = None,
+        pulses: Pulses | Sequence[np.ndarray] | None = None,
+        origin: float | None = None,
+    ) -> np.ndarray:
+        """``x`` with the effects' own states set to the quantities they start on (steady values), at parameters P or the model's.
+
+        ``pulses`` (or what `Pulses.arrays` gives of them) drive the run; ``origin`` is the surge where it began, here unless given.
+        """
         full = np.zeros(len(self.kernel.states))
         full[:8] = np.asarray(x, float)[:8]
         if len(full) > 8:
             without = self.switches & ~np.array([bool(self.known_effects[n].states) for n in self.kernel.effects])
-            _, q = self._evaluate(time, full, self.vector if P is None else P, without)
+            origin = full[0] if origin is None else origin
+            _, q = self._evaluate(time, full, self.vector if P is None else P, without, pulses, origin)
             full[8:] = [q[kernels.QUANTITIES.index(name)] for name in self.kernel.started_on]
         return full
 
-    def _whole_state(self, x: np.ndarray, time: float = 0.0) -> np.ndarray:
+    def _whole_state(
+        self, x: np.ndarray, time: float, drive_current: float | None, pulses: Pulses | None, origin: float | None = None
+    ) -> np.ndarray:
         """A copy of ``x`` of the kernel's length; the compiled code checks no bounds, so this does."""
         x = np.array(x, float)
         if x.shape == (8,):
-            return self.with_effect_states(x, time)
+            return self.with_effect_states(x, time, self._vector_at(drive_current), pulses, origin)
         if x.shape != (len(self.kernel.states),):
             raise InputError(f"a state has 8 entries, or {len(self.kernel.states)} with those of the effects; got shape {x.shape}")
         return x
 
-    def equilibrium_heave(self, speed: float) -> float:
+    def equilibrium_heave(self, speed: float, drive_current: float | None = None) -> float:
         """Heave at which the vertical forces balance at ``speed`` (m/s), on the track where nothing carries. Newtons cancel to 1e-9."""
         from scipy.optimize import brentq  # slow to import; most nodes start without it
 
         x = np.zeros(len(self.kernel.states))
         x[INDEX["surge_rate"]] = speed
+        P = self._vector_at(drive_current)
 
         def force(heave: float) -> float:
             x[INDEX["heave"]] = heave
-            return self._evaluate(0.0, self.with_effect_states(x), self.vector, self.switches)[1][_FORCE_HEAVE]
+            return self._evaluate(0.0, self.with_effect_states(x, P=P), P, self.switches)[1][_FORCE_HEAVE]
 
         low, high = -self.parameters["nominal_gap"] - 2e-3, max(self.parameters["nominal_gap"], 1e-3)
         if not force(low) > 0:
@@ -330,15 +345,15 @@ class Model:
         """Integrate from ``x``, true at ``start`` (s, the first of ``times`` unless given), through ``times`` (n,), rising.
 
         Thrust is the averaged law at ``drive_current`` (A), or with ``drive: pulses`` that of ``pulses``. The run's
-        travel counts from x. A state that leaves all bounds ends in NaN rows.
+        travel counts from x. Where x holds no states of effects, (8,), these start from the run's own conditions. A state that leaves all bounds ends in NaN rows.
         """
         times = np.ascontiguousarray(times, float)
         if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
             raise InputError("simulate: times must be a rising list of seconds")
-        x = self._whole_state(x, times[0] if start is None else start)
+        begin = times[0] if start is None else start
+        x = self._whole_state(x, begin, drive_current, pulses)
         outputs = np.empty((1, times.size, len(OUTPUTS)))
         state = x[None].copy()
-        begin = times[0] if start is None else start
         self._run(times, begin, state, x[0], drive_current, pulses, longest_step, outputs)
         return Trajectory(times, outputs[0], state[0])
 
@@ -352,7 +367,7 @@ class Model:
         origin: float = 0.0,
     ) -> np.ndarray:
         """The state at ``until`` from ``x`` at ``time``: one step of a real-time loop. ``origin`` is the surge where the run began."""
-        state = self._whole_state(x, time)[None]
+        state = self._whole_state(x, time, drive_current, pulses, origin)[None]
         self._run(np.array([until], dtype=float), time, state, origin, drive_current, pulses, 1.0, np.empty((1, 1, len(OUTPUTS))))
         return state[0]
 
@@ -369,9 +384,10 @@ class Model:
 
     def _evaluate(self, time, x, P, on, pulses=None, origin=0.0):
         dx, q = np.zeros(len(x)), np.zeros(len(kernels.QUANTITIES))
-        pt, pp, pc = pulses.arrays(self.parameters["wavelength"]) if pulses is not None else (_NONE, _NONE, _NONE)
+        arrays = pulses.arrays(self.parameters["wavelength"]) if isinstance(pulses, Pulses) else pulses or (_NONE, _NONE, _NONE)
+        averaged = self.drive == "averaged" and (pulses is None or isinstance(pulses, Pulses))  # a measured run's are its own
         self.kernel.evaluate(
-            float(time), np.ascontiguousarray(x), P, on, self.moving, float(origin), self.drive == "averaged", pt, pp, pc, dx, q
+            float(time), np.ascontiguousarray(x), P, on, self.moving, float(origin), averaged, *arrays, dx, q
         )
         return dx, q
 
@@ -379,7 +395,7 @@ class Model:
         self, x: np.ndarray, time: float = 0.0, drive_current: float | None = None, pulses: Pulses | None = None, origin: float = 0.0
     ) -> dict[str, float]:
         """The named quantities of `kernel.QUANTITIES` (gaps, forces per array, …) and the accelerations at one moment, SI."""
-        P, x = self._vector_at(drive_current), self._whole_state(x, time)
+        P, x = self._vector_at(drive_current), self._whole_state(x, time, drive_current, pulses, origin)
         dx, q = self._evaluate(time, x, P, self.switches, pulses, origin)
         return dict(zip(kernels.QUANTITIES, q.tolist(), strict=True)) | {
             f"{c}_acceleration": float(dx[4 + i]) for i, c in enumerate(COORDINATES)
@@ -394,7 +410,7 @@ class Model:
         ``total``. An effect's wrench is what would be missing without it; one that changes a quantity inside the model
         (say the resistance) shows there too, so the parts add up without those.
         """
-        P, x = self._vector_at(drive_current), self._whole_state(x, time)
+        P, x = self._vector_at(drive_current), self._whole_state(x, time, drive_current, pulses, origin)
         _, q = self._evaluate(time, x, P, self.switches, pulses, origin)
         g = dict(zip(kernels.QUANTITIES, q, strict=True))
         total = q[_TOTAL]

@@ -78,7 +78,7 @@ def _rival_trials(search: Search, chosen: Trial, twins: Mapping[str, tuple[str, 
 def _made(search: Search, chosen: Trial, speed, current, offsets, duration, contact: bool) -> tuple[Problem, np.ndarray] | None:
     """A run of the menu as the chosen model has it, and its exact start; None where it is not to be had with (without) contact."""
     model, problem = chosen.fit.model, search.problem
-    start = model.initial_state(surge_rate=speed)
+    start = model.initial_state(surge_rate=speed, drive_current=current)
     for i, offset in zip((INDEX["heave"], INDEX["sway"], INDEX["roll"]), offsets, strict=True):
         start[i] += offset
     times = np.arange(0.0, duration, 1.0 / RATE)

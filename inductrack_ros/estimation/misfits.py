@@ -146,8 +146,8 @@ class TravelMisfit:
         trial, t = self.at(values), self.travels
         out = np.empty(len(t.travel))
         for i, (speed, duration, current) in enumerate(zip(t.initial_speed, t.duration, t.drive_current, strict=True)):
-            start = trial.initial_state(surge_rate=speed)
-            run = trial.simulate(np.array([0.0, duration]), start, None if math.isnan(current) else current)
+            driven = None if math.isnan(current) else current
+            run = trial.simulate(np.array([0.0, duration]), trial.initial_state(surge_rate=speed, drive_current=driven), driven)
             out[i] = run["surge"][-1]
         return out
 

@@ -205,7 +205,7 @@ class Problem:
         on = np.tile(model.switches, (len(states), 1))
         if model.carries_states:
             for j in range(len(x)):
-                x[j] = model.with_effect_states(x[j], P=P[j])
+                x[j] = model.with_effect_states(x[j], P=P[j], pulses=None if data.averaged else data.pulses)
         out = np.empty((len(states), data.grid.size, len(OUTPUTS)))
         model.kernel.simulate_batch(
             data.grid, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses, 1.0, out

@@ -126,7 +126,7 @@ def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> n
     x[:, :8] = outputs[:known, :8]
     if model.carries_states:
         for k in range(known):
-            x[k] = model.with_effect_states(x[k], grid[k], P)
+            x[k] = model.with_effect_states(x[k], grid[k], P, None if data.averaged else data.pulses, outputs[0, 0])
     offsets = np.zeros((1 + len(moved), n_states))
     offsets[1 + np.arange(len(moved)), moved] = STATE_STEPS[moved]
     out = np.empty((known, len(offsets), 8))

@@ -159,7 +159,7 @@ class _Run:
         state[:, :8] = x
         if self.carries:
             for row in state:
-                row[:] = model.with_effect_states(row, self.grid[0])
+                row[:] = model.with_effect_states(row, self.grid[0], None, None if model.drive == "averaged" else self.pulses, self.origin)
         P, on = np.tile(model.vector, (jobs, 1)), np.tile(model.switches, (jobs, 1))
         origin, averaged = np.full(jobs, self.origin), model.drive == "averaged"
         acceleration = force * self.inverse_inertia

@@ -137,7 +137,7 @@ class Runs:
     ) -> tuple[float, float]:
         """Travel (m) and speed (m/s) after ``duration`` s from a start on the equilibrium heave."""
         model = model or self.model
-        run = model.simulate(np.array([0.0, duration]), model.initial_state(surge_rate=speed), drive_current)
+        run = model.simulate(np.array([0.0, duration]), model.initial_state(surge_rate=speed, drive_current=drive_current), drive_current)
         return float(run["surge"][-1]), float(run["surge_rate"][-1])
 
     # -- Figures 7 and 10 --------------------------------------------------------------------------------------

@@ -84,7 +84,7 @@ def modes(model: Model, speed: float) -> Modes:
     """Linearise ``model`` (4-DOF, no effects) about steady flight."""
     held = model.with_changes(dof=1)
     lagging = model.with_changes(effects=["coil_current_dynamics"])
-    x, current = model.initial_state(surge_rate=speed), trim_current(model, speed)
+    x, current = model.with_effect_states(model.initial_state(surge_rate=speed)), trim_current(model, speed)
     mass, inertia = model.parameters["mass"], model.parameters["roll_inertia"]
     moving = [i for i in range(1, 8)]  # the place along the track changes nothing
 
@@ -99,12 +99,12 @@ def modes(model: Model, speed: float) -> Modes:
 
     def damping(m: Model, states: list[int]) -> float:
         """2 m × the decay of the eigenvalue pair that swings as heave does."""
-        start = m.initial_state(surge_rate=speed)
+        start = m.with_effect_states(m.initial_state(surge_rate=speed))
         values = np.linalg.eigvals(jacobian(m, start, current, states))
         pair = values[np.argmin(np.abs(values - 1j * heave_rate))]
         return float(-2 * mass * pair.real)
 
-    lag = list(range(8, len(lagging.initial_state(surge_rate=speed))))
+    lag = list(range(8, len(lagging.kernel.states)))
     return Modes(
         speed,
         float(x[_HEAVE] + model.parameters["nominal_gap"]),
