@@ -7,19 +7,18 @@ is slow to import is imported by the one that runs, so that `-h` answers at once
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
 import os
-import shutil
 import sys
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .core.errors import InputError
+from .core.named_values import named_values
+from .core.output_folder import output_folder
 from .progress import progress, say_notes
 
 if TYPE_CHECKING:
@@ -125,40 +124,6 @@ def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
     return campaign, model
 
 
-@contextlib.contextmanager
-def output_folder(given: str, apart_from: Path) -> Iterator[Path]:
-    """A new folder to write into, whose files stand in ``given`` once all are written and not before.
-
-    Results are not mixed into the folder ``apart_from``. Raises `InputError` where ``given`` cannot be written.
-    """
-    target = Path(given)
-    if target.resolve() == apart_from.resolve():
-        raise InputError(f"--output {given}: that is the campaign's own folder; choose another")
-    if os.path.lexists(target) and not target.is_dir():
-        raise InputError(f"--output {given}: is a file; give a folder")
-    made: list[Path] = [p for p in target.absolute().parents if not p.exists()]
-    temporary: Path | None = None
-    try:
-        try:
-            target.absolute().parent.mkdir(parents=True, exist_ok=True)
-            if target.is_dir() and not os.access(target, os.W_OK):
-                raise PermissionError(13, "Permission denied")
-            temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.absolute().parent))
-        except OSError as error:
-            raise InputError(f"--output {given}: cannot be written: {error.strerror}") from None
-        yield temporary
-        target.mkdir(exist_ok=True)
-        for file in sorted(temporary.iterdir()):
-            file.replace(target / file.name)
-    finally:
-        if temporary is not None:
-            shutil.rmtree(temporary, ignore_errors=True)
-        if not target.exists():
-            for folder in made:  # those that this call made, deepest first, while they are empty
-                with contextlib.suppress(OSError):
-                    folder.rmdir()
-
-
 # ---------------------------------------------------------------- simulate
 
 
@@ -186,7 +151,7 @@ def _simulate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(arguments: argparse.Namespace) -> None:
-    initial = _initial(arguments.initial)
+    initial = named_values(arguments.initial, "--initial", LAUNCH)
     if not (math.isfinite(arguments.duration) and arguments.duration > 0):
         raise InputError(f"--duration {arguments.duration:g}: must be above 0 s")
     if not (math.isfinite(arguments.rate) and arguments.rate > 0):
@@ -234,21 +199,6 @@ def _simulate(arguments: argparse.Namespace) -> None:
         print(reason)
 
 
-def _initial(given: str) -> dict[str, float]:
-    """``surge_rate=15.5,sway=0.004`` as a mapping; the model checks the names."""
-    values: dict[str, float] = {}
-    for entry in filter(None, (part.strip() for part in given.split(","))):
-        name, equals, text = (part.strip() for part in entry.partition("="))
-        try:
-            if not equals or name in values:
-                raise ValueError
-            values[name] = float(text)
-        except ValueError:
-            problem = "is given twice" if name in values else "is not NAME=NUMBER, e.g. surge_rate=15.5"
-            raise InputError(f"--initial: '{entry}' {problem}") from None
-    return values
-
-
 # ---------------------------------------------------------------- compare
 
 
@@ -263,7 +213,8 @@ def _compare_arguments(parser: argparse.ArgumentParser) -> None:
 def _compare(arguments: argparse.Namespace) -> None:
     campaign, model = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
-        from .compare import compare, write_results
+        from .compare import compare
+        from .comparison.files import write_results
         from .reports.compare_report import compare_report, verdict
 
         with progress() as tell:

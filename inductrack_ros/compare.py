@@ -1,151 +1,36 @@
 """Where a model fails: each run of a campaign predicted open loop from its initial state, error over noise.
 
-Nothing is fitted but the initial states that the campaign does not give. ``comparison.json``, written by
-`write_results`::
-
-    {"campaign": "rig-2026-10",
-     "model": {"effects": ["aerodynamic_drag"], "parameters": {"eta": 0.7295, …}},
-     "notes": ["run_00: …"],      // what was converted or left out while reading
-     "noise_std": {"heave": {"value": 3e-05, "given": true}, …},
-     "error_over_noise": 41.2,       // RMS of (measured − predicted) / noise over all samples; 1 is a perfect model
-     "channels": {"heave": 12.0, …},           // the same per channel
-     "runs": [{"name": "run_00", "file": "run_00.csv", "drive_current": 7000.0, "duration": 1.5, "samples": 751,
-               "error_over_noise": 50.1, "channels": {"heave": 13.1, …},
-               "rmse": {"heave": 3.9e-4, …},                     // in the channel's unit
-               "holds_for": 0.31,   // s until the error (RMS over 20 samples) exceeds 3 noises; null: it never does
-               "initial_state": {"surge": 0.0, …}, "estimated": ["surge_rate", …],
-               "predicted": "run_00.predicted.csv"}, …],
-     "stretches": [{"by": "speed", "unit": "m/s", "low": 15.0, "high": 20.0, "samples": 3000,
-                    "error_over_noise": 60.2, "channels": {"heave": 14.0, …},
-                    "restarted": 1.4,     // when every 0.2 s starts afresh: what goes wrong here, not before
-                    "restarted_channels": {"heave": 1.6, …}}, …]}
-
-``by`` is ``speed`` (m/s), ``gap`` (top gap, m), ``place`` (surge, m) or ``contact`` (low 1: an array touches; low 0:
-none), taken from the measurements where they show it. A number that is not finite is null.
+Nothing is fitted but the initial states that the campaign does not give. What is found is in `comparison`.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .comparison.outstanding import outstanding
+from .comparison.result import Comparison, RunComparison
+from .comparison.stretches import conditions, stretches
 from .core.errors import InputError
 from .core.model import Model
-from .core.state import OUTPUTS, STATES
-from .data import Campaign, Run, write_prediction
+from .core.state import STATES
+from .data import Campaign, Run
 from .data.measurement import Array
 from .estimation import noise
 from .estimation.fit import fit
 from .estimation.problem import Problem
 from .estimation.structure import Structure
 
-#: A stretch with fewer samples than this says nothing.
-FEWEST = 30
 #: The prediction holds until the RMS of this many samples exceeds this many times the noise.
 HOLDS_SAMPLES, HOLDS_LIMIT = 20, 3.0
 #: Horizons (s) over which an initial state is fitted before the whole run, while χ² per sample stays below `FOLLOWS`.
 HORIZONS, FOLLOWS = (0.15, 0.3, 0.6, 1.2, 2.4, 4.0, 6.0, 9.0, 14.0, 21.0), 2.0
 #: Length (s) of the stretches that start afresh, and the fewest samples of each channel in one.
 WINDOW, FEWEST_IN_WINDOW = 0.2, 12
-#: Slower than this (m/s) is at rest: noise is not a motion backwards.
-AT_REST = 0.1
-#: Kinds of stretches: name, unit, about how many.
-KINDS = (("speed", "m/s", 8), ("gap", "m", 8), ("place", "m", 14), ("contact", "", 2))
-
-
-@dataclass(frozen=True)
-class RunComparison:
-    """One run and its prediction.
-
-    predicted: (n, c) as ``run.values``, given at every time
-    sigmas: (n, c) (measured − predicted) / noise, NaN where not measured
-    restarted: (n, c) the same where every window starts from a state fitted to it
-    conditions: speed, gap, place, contact, each (n,)
-    """
-
-    run: Run
-    initial_state: Mapping[str, float]
-    estimated: tuple[str, ...]
-    predicted: Array
-    sigmas: Array
-    restarted: Array | None
-    conditions: Mapping[str, Array]
-    holds_for: float | None
-
-    @property
-    def error(self) -> float:
-        """Error over noise of the whole run."""
-        return rms(self.sigmas)
-
-    @property
-    def errors(self) -> dict[str, float]:
-        """Error over noise by channel."""
-        return {c: rms(self.sigmas[:, i]) for i, c in enumerate(self.run.channels)}
-
-    @property
-    def rmse(self) -> dict[str, float]:
-        """RMS error by channel, SI."""
-        return {c: rms(self.run.values[:, i] - self.predicted[:, i]) for i, c in enumerate(self.run.channels)}
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """All samples of all runs with ``by`` between ``low`` and ``high``."""
-
-    by: str
-    unit: str
-    low: float
-    high: float
-    samples: int
-    error: float
-    errors: Mapping[str, float]
-    restarted: float | None
-    restarted_errors: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What `compare` found; ``noise`` by channel in SI, ``noise_given`` the channels whose noise was stated."""
-
-    campaign: Campaign
-    model: Model
-    noise: Mapping[str, float]
-    noise_given: frozenset[str]
-    runs: tuple[RunComparison, ...]
-    stretches: tuple[Stretch, ...]
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Channels that any run has."""
-        return self.campaign.channels
-
-    @property
-    def error(self) -> float:
-        """Error over noise of the whole campaign."""
-        return rms(np.concatenate([r.sigmas.ravel() for r in self.runs]))
-
-    @property
-    def errors(self) -> dict[str, float]:
-        """Error over noise by channel over all runs."""
-        return {c: rms(np.concatenate([_column(r, r.sigmas, c) for r in self.runs])) for c in self.channels}
-
-    @property
-    def worst_run(self) -> RunComparison:
-        """The run with the largest error over noise."""
-        return max(self.runs, key=lambda r: _rank(r.error))
-
-    @property
-    def worst_channel(self) -> str:
-        """The channel with the largest error over noise."""
-        errors = self.errors
-        return max(errors, key=lambda c: _rank(errors[c]))
 
 
 def compare(campaign: Campaign, model: Model) -> Comparison:
@@ -178,74 +63,14 @@ def compare(campaign: Campaign, model: Model) -> Comparison:
             _continued(run.times, predicted),
             sigmas,
             restarted[i],
-            _conditions(run, truth[i], model, sigma),
+            conditions(run, truth[i], model, sigma),
             _holds_for(run, sigmas),
         )
 
     runs = tuple(one(i) for i in range(len(campaign.runs)))
-    return Comparison(campaign, model, sigma, frozenset(campaign.noise_std), runs, _stretches(runs))
-
-
-def write_results(result: Comparison, folder: Path) -> None:
-    """Write ``comparison.json`` and each run's ``<run>.predicted.csv``."""
-    text = json.dumps(to_json(result), indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
-    for r in result.runs:
-        write_prediction(folder, r.run, r.predicted)
-
-
-def to_json(result: Comparison) -> dict[str, Any]:
-    """The contents of ``comparison.json`` (see the module's docstring)."""
-    return _finite(
-        {
-            "campaign": result.campaign.name,
-            "model": {
-                "effects": list(result.model.effects),
-                "parameters": {k: v for k, v in result.model.to_mapping().items() if isinstance(v, (int, float))},
-            },
-            "notes": list(result.campaign.notes),
-            "noise_std": {c: {"value": s, "given": c in result.noise_given} for c, s in result.noise.items()},
-            "error_over_noise": result.error,
-            "channels": result.errors,
-            "runs": [
-                {
-                    "name": r.run.name,
-                    "file": r.run.file.name,
-                    "drive_current": r.run.drive_current,
-                    "duration": r.run.duration,
-                    "samples": len(r.run.times),
-                    "error_over_noise": r.error,
-                    "channels": r.errors,
-                    "rmse": r.rmse,
-                    "holds_for": r.holds_for,
-                    "initial_state": dict(r.initial_state),
-                    "estimated": list(r.estimated),
-                    "predicted": f"{r.run.name}.predicted.csv",
-                }
-                for r in result.runs
-            ],
-            "stretches": [
-                {
-                    "by": s.by,
-                    "unit": s.unit,
-                    "low": s.low,
-                    "high": s.high,
-                    "samples": s.samples,
-                    "error_over_noise": s.error,
-                    "channels": dict(s.errors),
-                    "restarted": s.restarted,
-                    "restarted_channels": dict(s.restarted_errors),
-                }
-                for s in result.stretches
-            ],
-        }
-    )
-
-
-def rms(values: Array) -> float:
-    """Root mean square of what is measured; infinite where a prediction left all bounds."""
-    present = values[~np.isnan(values)]
-    return float(np.sqrt(np.mean(present**2))) if present.size else math.nan
+    parts = stretches(runs)
+    worst_part = outstanding(runs, parts, campaign.channels)
+    return Comparison(campaign, model, sigma, frozenset(campaign.noise_std), runs, parts, worst_part)
 
 
 # ---------------------------------------------------------------- one run
@@ -357,108 +182,6 @@ def _holds_for(run: Run, sigmas: Array) -> float | None:
     return min(ends, default=None)
 
 
-def _conditions(run: Run, outputs: Array, model: Model, sigma: Mapping[str, float]) -> dict[str, Array]:
-    """Under which conditions each sample was taken: as measured where that was, else from simulated outputs (n, 15)."""
-    simulated = dict(zip(OUTPUTS, outputs.T, strict=True))
-
-    def best(channel: str, instead: Array) -> Array:
-        if channel not in run.channels:
-            return instead
-        times, values = run.samples(channel)
-        return np.interp(run.times, times, values)
-
-    place = best("surge", simulated["surge"])
-    top = best("gap_top", model.parameters["nominal_gap"] + best("heave", simulated["heave"]))
-    lowest = np.min([top, *(best(g, simulated[g]) for g in ("gap_right", "gap_left"))], axis=0)
-    margin = 2 * sigma.get("gap_top", sigma.get("heave", 0.0))
-    speed = _slope(run.times, place) if "surge" in run.channels else simulated["surge_rate"]
-    speed = best("surge_rate", speed)
-    speed = np.where(np.abs(speed) < AT_REST, 0.0, speed)
-    return {"speed": speed, "gap": np.maximum(top, 0.0), "place": place, "contact": (lowest <= margin).astype(float)}
-
-
-def _slope(times: Array, values: Array, reach: int = 12) -> Array:
-    """Derivative over ``reach`` samples either side: enough to tell one stretch of speed from the next."""
-    low = np.maximum(np.arange(len(times)) - reach, 0)
-    high = np.minimum(np.arange(len(times)) + reach, len(times) - 1)
-    return (values[high] - values[low]) / (times[high] - times[low])
-
-
-# ---------------------------------------------------------------- stretches
-
-
-def _stretches(runs: tuple[RunComparison, ...]) -> tuple[Stretch, ...]:
-    found: list[Stretch] = []
-    for by, unit, about in KINDS:
-        where = np.concatenate([r.conditions[by] for r in runs])
-        edges = np.array([0.0, 1.0, 2.0]) if by == "contact" else _populated(where, nice_edges(where, about))
-        part = [np.clip(np.searchsorted(edges, r.conditions[by], side="right") - 1, 0, len(edges) - 2) for r in runs]
-        for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-            inside = [p == k for p in part]
-            if any(i.any() for i in inside):
-                found.append(_stretch(by, unit, float(low), float(high), runs, inside))
-    return tuple(found)
-
-
-def _stretch(
-    by: str, unit: str, low: float, high: float, runs: tuple[RunComparison, ...], inside: list[NDArray[np.bool_]]
-) -> Stretch:
-    channels = [c for c in OUTPUTS if any(c in r.run.channels for r in runs)]
-
-    def over(tables: list[Array | None], channel: str | None = None) -> float:
-        parts = [
-            (t if channel is None else _column(r, t, channel)[:, None])[rows].ravel()
-            for r, t, rows in zip(runs, tables, inside, strict=True)
-            if t is not None
-        ]
-        return rms(np.concatenate(parts)) if parts else math.nan
-
-    def each(tables: list[Array | None]) -> dict[str, float]:
-        return {c: e for c in channels if not math.isnan(e := over(tables, c))}
-
-    whole, afresh = [r.sigmas for r in runs], [r.restarted for r in runs]
-    samples = sum(int(i.sum()) for i in inside)
-    local = over(afresh)
-    return Stretch(
-        by, unit, low, high, samples, over(whole), each(whole), None if math.isnan(local) else local, each(afresh)
-    )
-
-
-def _populated(values: Array, edges: Array) -> Array:
-    """``edges`` without those that leave fewer than `FEWEST` values in a part."""
-    kept = [edges[0]]
-    for edge in edges[1:-1]:
-        if ((values >= kept[-1]) & (values < edge)).sum() >= FEWEST and (values >= edge).sum() >= FEWEST:
-            kept.append(edge)
-    return np.array([*kept, edges[-1]])
-
-
-def nice_edges(values: Array, about: int) -> Array:
-    """Round edges (steps of 1, 2 or 5) that cut the range of nearly all ``values`` into at most ``about`` parts."""
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return np.array([0.0, 1.0])
-    low, high = np.quantile(values, [0.002, 0.998])
-    if high <= low:
-        low, high = low - 0.5 * abs(low) - 1e-6, high + 0.5 * abs(high) + 1e-6
-    step = 10.0 ** math.floor(math.log10((high - low) / about))
-    for factor in (1, 2, 5, 10, 20):
-        # what lies only just beyond an edge, as noise does, needs no part of its own
-        first, last = math.floor(low / (step * factor) + 0.02), math.ceil(high / (step * factor) - 0.02)
-        if last - first <= about:
-            break
-    return np.arange(first, max(last, first + 1) + 1) * step * factor
-
-
-def _column(r: RunComparison, table: Array, channel: str) -> Array:
-    """A channel's column, all NaN where the run has none."""
-    return table[:, r.run.channels.index(channel)] if channel in r.run.channels else np.full(len(table), np.nan)
-
-
-def _rank(error: float) -> float:
-    return -1.0 if math.isnan(error) else error
-
-
 def _first_noise(campaign: Campaign) -> dict[str, float]:
     """Noise (standard deviation) of each channel: as the campaign states it, else a guess from its samples alone."""
     guess = noise.from_samples(campaign)
@@ -485,12 +208,3 @@ def _resolution(campaign: Campaign, channel: str) -> float:
             if 1 < different.size < 0.5 * readings.size:
                 steps.append(float(np.diff(different).min()))
     return max(steps, default=0.0) / math.sqrt(12.0)
-
-
-def _finite(data: Any) -> Any:
-    """The same with None for numbers JSON has no word for."""
-    if isinstance(data, dict):
-        return {k: _finite(v) for k, v in data.items()}
-    if isinstance(data, list):
-        return [_finite(v) for v in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-from inductrack_ros.compare import compare, nice_edges, rms, to_json, write_results
+from inductrack_ros.compare import compare
+from inductrack_ros.comparison.files import to_json, write_results
+from inductrack_ros.comparison.result import rms
+from inductrack_ros.comparison.stretches import nice_edges
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign, write_csv
@@ -29,6 +32,7 @@ def make_campaign(
     holes: int = 0,
     step: float = 0.002,
     rounded: float = 0.0,
+    noise_std=NOISE,
 ) -> Path:
     """A campaign of `RUNS` that ``model`` really made, seen through noisy sensors."""
     random = np.random.default_rng(4)
@@ -38,7 +42,7 @@ def make_campaign(
         times = np.arange(0, duration, step)
         state = model.initial_state(surge_rate=speed, sway=sway)
         truth = model.simulate(times, state, current)
-        columns = {c: truth[c] + random.normal(0, NOISE[c], times.size) for c in channels}
+        columns = {c: truth[c] + random.normal(0, noise_std[c], times.size) for c in channels}
         if rounded:
             columns["heave"] = np.round(columns["heave"] / rounded) * rounded
         if holes:
@@ -55,7 +59,7 @@ def make_campaign(
             }
             entry["initial_state"] |= {"sway_rate": 0.0, "heave_rate": 0.0, "roll_rate": 0.0}
         entries.append(entry)
-    stated = {"noise_std": {c: NOISE[c] for c in channels}} if noise else {}
+    stated = {"noise_std": {c: noise_std[c] for c in channels}} if noise else {}
     (folder / "campaign.yaml").write_text(yaml.safe_dump({"name": "made <here>", "runs": entries, **stated}))
     return folder
 

@@ -17,9 +17,9 @@ from scipy.stats import chi2
 from inductrack_ros.core.model import Model, Pulses
 from inductrack_ros.core.state import STATES
 from inductrack_ros.data import write_bag
+from inductrack_ros.frames import rates_to_twist
 from inductrack_ros.monitoring.evidence import Detector
 from inductrack_ros.monitoring.monitor import Monitor
-from inductrack_ros.frames import rates_to_twist
 from inductrack_ros.nodes.topics import fill_pose, fill_twist, nanoseconds_of, stamp_of
 
 NOISE = np.array([5e-4, 3e-5, 3e-5, 1e-4, 0.02, 2e-3, 2e-3, 5e-3])

@@ -15,6 +15,7 @@ from test_compare import make_campaign
 
 from inductrack_ros.compare import compare
 from inductrack_ros.core.model import Model
+from inductrack_ros.core.state import CHANNELS
 from inductrack_ros.data import load_campaign
 from inductrack_ros.reports.compare_report import compare_report
 from inductrack_ros.reports.explorer import RunTraces, Trace, explorer
@@ -180,6 +181,28 @@ def test_nothing_sticks_out_at_either_width(report, tmp_path, width):
     )
     assert seen["plots"] >= 6 and not seen["out"] and not seen["wide"], seen
     assert seen["numbers"] == (14 if width == 1280 else 0)
+
+
+def test_fourteen_channels_leave_the_verdict_on_the_first_screen_and_nothing_alarms(tmp_path):
+    """Where the model predicts all, no plot has the colour of an error; a wrong model's plots have it."""
+    model = Model.create(effects={"aerodynamic_drag": {"drag_area": 0.05}})
+    noise = dict.fromkeys(CHANNELS, 1e-3)
+    folder = make_campaign(tmp_path / "campaign", model, duration=0.4, channels=CHANNELS, noise_std=noise)
+    campaign = load_campaign(folder)
+    look = """
+        seen.verdict = document.querySelector("h1").getBoundingClientRect().bottom;
+        seen.picture = document.querySelector(".picture").getBoundingClientRect().bottom;
+        const alarm = getComputedStyle(document.documentElement).getPropertyValue("--before").trim();
+        const shade = (plot) => JSON.stringify(plot.data.map((d) => [d.marker && d.marker.color, d.line && d.line.color]));
+        seen.alarms = [...document.querySelectorAll(".plot")].filter((plot) => plot.data && shade(plot).includes(alarm)).length;
+        seen.cells = [...document.querySelectorAll(".plot")][0].data[0].z.flat().length;
+    """
+    seen = {}
+    for name, right in (("right", model), ("wrong", Model.default())):
+        page = compare_report(compare(campaign, right))
+        seen[name] = open_page(page, tmp_path, look, "--window-size=1280,800")
+    assert all(s["cells"] == 28 and s["verdict"] < 400 and s["picture"] < 700 for s in seen.values()), seen
+    assert seen["right"]["alarms"] == 0 and seen["wrong"]["alarms"] > 3
 
 
 def test_effects_switch_on_and_off(tmp_path):

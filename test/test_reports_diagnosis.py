@@ -31,7 +31,7 @@ def made(effects: tuple[str, ...] = (), **others) -> Diagnosis:
             v: {c: np.sin(9 * times) * s * (40 - 9 * (len(effects) - len(v))) for c, s in NOISE.items()}
             for v in subsets
         }
-        traces.append(RunTraces(name, current, times, measured, predicted))
+        traces.append(RunTraces(name, f"{current:g} A", times, measured, predicted))
     steps = []
     for k in range(len(effects) + 1):
         error = 10.0 ** (len(effects) - k)

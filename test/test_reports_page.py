@@ -8,7 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from inductrack_ros.reports.page import Figure, Page, embed, packed, table
+from inductrack_ros.core.plain_json import script_text
+from inductrack_ros.reports.page import Figure, Page, packed, table
 from inductrack_ros.reports.words import effect_name, in_channel, listed, number, ratio, shown, sized, title
 
 NASTY = "</script><script>alert('x')</script>\"&<b>"
@@ -31,7 +32,7 @@ def test_nothing_is_loaded_from_outside():
 
 
 def test_json_has_no_word_for_nan():
-    assert embed({"a": [np.nan, np.inf, 1.5], "b": np.array([1.0, np.nan]), "c": np.float32(2), "d": None}) == (
+    assert script_text({"a": [np.nan, np.inf, 1.5], "b": np.array([1.0, np.nan]), "c": np.float32(2), "d": None}) == (
         '{"a":[null,null,1.5],"b":[1.0,null],"c":2.0,"d":null}'
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 from .model import Model, Trajectory
 from .state import GAPS
 
-#: Slower than this (m/s) is at rest.
+#: Slower than this (m/s) is at rest: noise is not a motion backwards.
 AT_REST = 0.1
 #: Time (s) without contact at the end of a run after which it flies again.
 FLIES_AGAIN = 0.1

@@ -59,6 +59,13 @@ class Run:
         return self.times[present], column[present]
 
     @property
+    def driven(self) -> str:
+        """What drives the run, in words: pulses, a current or nothing."""
+        if self.pulses is not None:
+            return f"{len(self.pulses.times)} pulses"
+        return f"{self.drive_current:.4g} A" if self.drive_current else "coasting"
+
+    @property
     def measured(self) -> NDArray[np.bool_]:
         """(n, c) True where there is a measurement."""
         return ~np.isnan(self.values)

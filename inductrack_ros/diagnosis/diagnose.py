@@ -292,7 +292,7 @@ def traces_of(search: Search, full: Trial, root: Trial, new: Sequence[str]) -> t
             read = problem.predict(f.structure, i, f.theta[None], out)[0]
             predicted[subset] = {c: _column(data, read, k) for k, c in enumerate(problem.channels) if c in data.run.channels}
         measured = {c: data.run[c] for c in data.run.channels}
-        traces.append(RunTraces(data.run.name, data.run.drive_current, data.run.times, measured, predicted))
+        traces.append(RunTraces(data.run.name, data.run.driven, data.run.times, measured, predicted))
     return tuple(traces)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..core.model import Model
+from ..core.plain_json import file_text, plain
 
 #: Unit of an unknown change of the thrust.
 OF_THRUST = "of the thrust"
@@ -131,7 +131,7 @@ class RunTraces:
     """One run for the report: measurements and what each set of effects predicts, by channel."""
 
     name: str
-    drive_current: float
+    driven: str  # `Run.driven`
     times: np.ndarray
     measured: Mapping[str, np.ndarray]
     predicted: Mapping[tuple[str, ...], Mapping[str, np.ndarray]]
@@ -171,7 +171,7 @@ class Diagnosis:
 
     def to_json(self) -> dict[str, Any]:
         """The content of ``diagnosis.json``: the contract's keys, and beside them notes, limits, rivals and noise."""
-        return _finite(
+        return plain(
             {
                 "verdict": self.verdict,
                 "effects": list(self.effects),
@@ -204,20 +204,9 @@ class Diagnosis:
 
     def write(self, folder: Path) -> None:
         """Write ``diagnosis.json`` and ``model.yaml`` into a folder."""
-        (folder / "diagnosis.json").write_text(json.dumps(self.to_json(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        (folder / "diagnosis.json").write_text(file_text(self.to_json()), encoding="utf-8")
         found = ", ".join(self.effects) or "no effect added"
         comment = f"Diagnosis of {self.campaign}: {self.verdict.replace('_', ' ')}; {found}."
         if any(n.startswith("stand_in") for n in self.model.effects):
             comment += "\nstand_in_* is a smooth force in place of unknown physics: it predicts, it explains nothing."
         self.model.save(folder / "model.yaml", comment)
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no infinity and no NaN: null instead."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_finite(v) for v in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..core.model import Model, Pulses
+from ..core.named_values import named_values
 from .drive import Pulse, PulseQueue
 
 
@@ -84,13 +85,4 @@ class Simulation:
 
 def parse_initial_state(text: str) -> dict[str, float]:
     """`"surge_rate=15.5,sway=0.004"` → {"surge_rate": 15.5, "sway": 0.004}; names are checked by the model."""
-    values = {}
-    for item in filter(None, (part.strip() for part in text.split(","))):
-        name, _, number = (part.strip() for part in item.partition("="))
-        try:
-            if not name:
-                raise ValueError
-            values[name] = float(number)
-        except ValueError:
-            raise InputError(f"initial_state: '{item}' is not name=number, e.g. surge_rate=15.5,sway=0.004") from None
-    return values
+    return named_values(text, "initial_state", "surge_rate=15.5,sway=0.004")

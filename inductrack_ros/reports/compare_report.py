@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 
-from ..compare import AT_REST, HOLDS_LIMIT, HOLDS_SAMPLES, WINDOW, Comparison, RunComparison, Stretch
+from ..compare import HOLDS_LIMIT, HOLDS_SAMPLES, WINDOW
+from ..comparison.outstanding import Region
+from ..comparison.result import Comparison, RunComparison, Stretch
+from ..core.errors import InputError
+from ..core.flight import AT_REST
+from ..core.model import Model
 from ..core.state import STATES
 from .explorer import RunTraces, Trace, explorer
 from .page import Figure, Page, folded, table, text
@@ -12,8 +17,10 @@ from .words import effect_name, in_channel, listed, number, ratio, shown, title
 
 #: Up to here the error is the noise's, give or take chance and estimated noise; above the second the model is off.
 NOISE_ALONE, PLAINLY = 1.1, 3.0
-#: A stretch stands out when its restarted error exceeds the campaign's by this factor.
-STANDS_OUT = 1.25
+#: Parameters that are named where a model was refitted; of more only how many.
+NAMED = 3
+#: Height (px) of a channel's row in the first figure, and of all rows together at most: the page's first screen.
+ROW, ROWS = 38, 380
 
 _BY = {
     "speed": ("Speed", "m/s", 1.0),
@@ -21,7 +28,12 @@ _BY = {
     "place": ("Place along the track", "m", 1.0),
     "contact": ("Contact", "", 1.0),
 }
-_WHERE = {"speed": "at {}", "gap": "at a top gap of {}", "place": "{} along the track", "contact": "{}"}
+#: A region between two limits, above one, below one.
+_WHERE = {
+    "speed": ("between {} and {} m/s", "above {} m/s", "below {} m/s"),
+    "gap": ("at a top gap of {} to {} mm", "at a top gap above {} mm", "at a top gap below {} mm"),
+    "place": ("from {} to {} m along the track", "beyond {} m of the track", "before {} m of the track"),
+}
 
 
 def compare_report(result: Comparison) -> str:
@@ -46,9 +58,10 @@ def compare_report(result: Comparison) -> str:
             result.noise,
             start=(worst.run.name, _worst_channel(worst)),
             words=("by this model", ""),
+            well=result.error <= NOISE_ALONE,
         ),
     )
-    page.section("Where it fails", _where(page, result))
+    page.section("Where it fails" if result.error > NOISE_ALONE else "By speed, gap and place", _where(page, result))
     page.section("Runs", _runs(result))
     page.section("Assumptions", _basis(result))
     return page.render()
@@ -87,12 +100,7 @@ def _lead(result: Comparison) -> str:
             points.append(f"Predictions leave the noise after {number(min(times), 2)}–{number(max(times), 2)} s{tail}.")
         if place := _outstanding(result):
             points.append(f"<strong>{text(place)}</strong> (when restarted every {WINDOW:g} s).")
-    effects = [effect_name(e) for e in result.model.effects]
-    points.append(
-        f"Model: {text(listed(effects))} added to the paper's equations."
-        if effects
-        else "Model: the paper's equations, no effect added."
-    )
+    points.append(text(model_words(result)))
     if result.error > NOISE_ALONE:
         points.append(
             "<code>inductrack diagnose</code> refits the parameters and says which effect is missing, if one is."
@@ -101,22 +109,41 @@ def _lead(result: Comparison) -> str:
 
 
 def _outstanding(result: Comparison) -> str:
-    """The stretch that stands out most among its kind when runs are restarted, and in which channel; or nothing."""
-    best, sentence = STANDS_OUT, ""
-    for by in ("contact", "place", "speed", "gap"):
-        of_kind = [s for s in result.stretches if s.by == by and s.restarted is not None]
-        if len(of_kind) < 2:
-            continue
-        worst = max(of_kind, key=lambda s: s.restarted or 0.0)
-        others = [s.restarted or 0.0 for s in of_kind if s is not worst]
-        if by == "contact" and not worst.low:
-            continue  # free flight is where a run is anyway
-        contrast = (worst.restarted or 0.0) / max(sum(others) / len(others), 1.0)
-        if contrast > best * (1.1 if sentence else 1.0):
-            channel = max(worst.restarted_errors, key=lambda c: worst.restarted_errors[c])
-            where = _WHERE[by].format(_stretch_name(worst))
-            best, sentence = contrast, f"Most goes wrong {where}, in {title(channel).lower()}"
-    return sentence
+    """Where most goes wrong; regions that the runs cannot tell apart are named together."""
+    found = result.outstanding
+    if found is None:
+        return ""
+    where = listed([_region_words(r) for r in found.regions], "or")
+    apart = " (these runs cannot tell which)" if len(found.regions) > 1 else ""
+    return f"Most goes wrong {where}{apart}, in {title(found.channel).lower()}"
+
+
+def _region_words(region: Region) -> str:
+    if region.by == "contact":
+        return "while an array touches"
+    between, above, below = _WHERE[region.by]
+    factor = _BY[region.by][2]
+    low, high = (None if v is None else number(v * factor, 4) for v in (region.low, region.high))
+    if low is None or high is None:
+        return below.format(high) if low is None else above.format(low)
+    return between.format(low, high)
+
+
+def model_words(result: Comparison) -> str:
+    """The model in words: its effects, and the parameters that are not those of the campaign's, or else the paper's, model."""
+    model, campaign = result.model, result.campaign
+    whose, base = "the paper's", Model.default()
+    if campaign.model is not None:
+        try:
+            whose, base = "the campaign's", campaign.load_model(None, model.effect_files)
+        except InputError:  # its effect files were not named; the parameters are then held against the paper's
+            pass
+    changed = [n for n, v in model.parameters.items() if v != base.parameters[n]]
+    values = [f"{n} {number(model.parameters[n], 5)} instead of {number(base.parameters[n], 5)}" for n in changed]
+    named = ", ".join(values[:NAMED]) + (f" and {len(values) - NAMED} more" if len(values) > NAMED else "")
+    added = [effect_name(e) for e in model.effects if e not in base.effects]
+    effects = f"{listed(added)} added to {whose} model" if added else f"{whose} model, no effect added"
+    return f"Model: {effects}{f', refitted: {named}' if changed else ''}."
 
 
 def _worst_channel(r: RunComparison) -> str:
@@ -140,7 +167,7 @@ def _matrix(result: Comparison) -> Figure:
         "z": [[None if math.isnan(e) else min(math.log10(max(e, 1e-3)), top) for e in row] for row in errors],
         "zmin": 0.0,
         "zmax": top,
-        "colorscale": [[0, "@low"], [1, "@before"]],
+        "colorscale": [[0, "@low"], [math.log10(NOISE_ALONE) / top, "@low"], [1, "@before"]],
         "text": [["" if math.isnan(e) else ratio(e) for e in row] for row in errors],
         "showscale": False,
         "xgap": 2,
@@ -158,7 +185,7 @@ def _matrix(result: Comparison) -> Figure:
         [data],
         layout,
         "Error over noise of every channel and run; the table of runs has the numbers",
-        120 + 38 * len(channels),
+        120 + min(ROW * len(channels), ROWS),
         fixed=True,
     )
 
@@ -174,26 +201,18 @@ def _traces(r: RunComparison) -> RunTraces:
 
 
 def _about(r: RunComparison) -> str:
-    speed = r.initial_state.get("surge_rate", 0.0)
-    drive = (
-        "pulses"
-        if r.run.pulses is not None
-        else f"{number(r.run.drive_current, 4)} A"
-        if r.run.drive_current
-        else "coasting"
-    )
-    return f"{number(speed, 3)} m/s, {drive}"
+    return f"{number(r.initial_state.get('surge_rate', 0.0), 3)} m/s, {r.run.driven}"
 
 
 def _where(page: Page, result: Comparison) -> str:
     restarted = any(s.restarted is not None for s in result.stretches)
     figures = "".join(
-        page.figure(_stretch_figure(of_kind, by))
+        page.figure(_stretch_figure(of_kind, by, result.error <= NOISE_ALONE))
         for by in _BY
         if len(of_kind := [s for s in result.stretches if s.by == by]) > 1
     )
     meaning = (
-        f"<p><span class='bad-word'>Open loop</span> an error stays once it is made. <strong>Restarted</strong> every "
+        f"<p><strong>Open loop</strong>, an error stays once it is made. <strong>Restarted</strong> every "
         f"{WINDOW:g} s from a state fitted to that window, only what goes wrong there and then is left: it points at "
         "the place, the speed or the touch where the model fails. An error that is small everywhere and only adds up "
         "(a little drag) shows in the open loop alone.</p>"
@@ -228,7 +247,7 @@ def _both(s: Stretch, channel: str) -> str:
     return ratio(s.errors.get(channel)) + tail
 
 
-def _stretch_figure(stretches: list[Stretch], by: str) -> Figure:
+def _stretch_figure(stretches: list[Stretch], by: str, well: bool) -> Figure:
     name, unit, factor = _BY[by]
     if by == "contact":
         where: list[object] = [_stretch_name(s) for s in stretches]
@@ -253,9 +272,9 @@ def _stretch_figure(stretches: list[Stretch], by: str) -> Figure:
         }
         return bar | ({"width": width} if width else {})
 
-    data = [bars([s.error for s in stretches], "open loop", "@before", -1)]
+    data = [bars([s.error for s in stretches], "open loop", "@after" if well else "@before", -1)]
     if any(s.restarted is not None for s in stretches):
-        data.append(bars([s.restarted for s in stretches], f"restarted every {WINDOW:g} s", "@after", 1))
+        data.append(bars([s.restarted for s in stretches], f"restarted every {WINDOW:g} s", "@measured" if well else "@after", 1))
     tops = [v for s in stretches for v in (s.error, s.restarted) if v is not None and math.isfinite(v)]
     layout = {
         "barmode": "overlay" if width else "group",

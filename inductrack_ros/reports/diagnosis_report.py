@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compare import rms
+from ..comparison.result import rms
 from ..core.effects import split_name
 from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import CHANNELS, UNITS
@@ -368,20 +368,17 @@ def _try_it(page: Page, result: Diagnosis) -> str:
                 errors = [_error(result, measured[seen], p, channel) for p in predicted]
                 traces[channel] = Trace(run.times[seen], measured[seen], predicted, errors)
                 gain[run.name, channel] = errors[0] / errors[-1] if _finite(errors[0]) and errors[-1] > 0 else 0.0
-        runs.append(RunTraces(run.name, _about(run.drive_current), traces))
+        runs.append(RunTraces(run.name, run.driven, traces))
     start = max(gain, key=lambda k: gain[k]) if gain else None
     words = ("without any effect", "with the effects chosen") if len(variants) > 1 else ("by this model", "")
-    html = explorer(page, runs, result.noise, _switches(result), variants, start, words)
+    well = result.verdict == "adequate" and len(variants) == 1
+    html = explorer(page, runs, result.noise, _switches(result), variants, start, words, well)
     if len(variants) == 1:
         return html
     return (
         "<p>Switch an effect off and see which measurements need it. Each combination was fitted beforehand: "
         f"its parameters and initial states are the best it can do.</p>{html}"
     )
-
-
-def _about(drive_current: float) -> str:
-    return f"{number(drive_current, 4)} A" if drive_current else "coasting"
 
 
 def _rivals(result: Diagnosis) -> str:

@@ -44,11 +44,13 @@ def explorer(
     variants: Sequence[Sequence[str]] = ((),),
     start: tuple[str, str] | None = None,
     words: tuple[str, str] = ("this model", "with the effects chosen"),
+    well: bool = False,
 ) -> str:
     """HTML of the explorer.
 
     ``variants`` are the subsets of ``effects`` that were predicted, the first of them none; ``start`` is the run and
-    the channel shown first; ``words`` name the first variant and the chosen one.
+    the channel shown first; ``words`` name the first variant and the chosen one; ``well``: the first variant fits, so
+    that it has no colour of alarm.
     """
     channels = [c for c in noise if any(c in r.traces for r in runs)]
     page.script(
@@ -65,6 +67,7 @@ def explorer(
             "effects": list(effects),
             "variants": [sum(1 << list(effects).index(e) for e in v) for v in variants],
             "words": list(words),
+            "colour": "@after" if well else "@before",
             "start": {"run": start[0] if start else runs[0].name, "channel": start[1] if start else channels[0]},
         },
     )

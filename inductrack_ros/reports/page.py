@@ -7,8 +7,6 @@ reader's theme and does so again when the theme changes and when it is printed.
 from __future__ import annotations
 
 import base64
-import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -17,6 +15,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from ..core.plain_json import script_text
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Page:
 <p class="hint">Drag in a plot to zoom, double-click to go back. Keyboard: Tab to a plot, then + − ← → and 0.</p>
 </footer>
 <noscript><p class="hint">The plots need JavaScript; the sentences and tables do not.</p></noscript>
-<script type="application/json" id="data">{embed(data)}</script>
+<script type="application/json" id="data">{script_text(data)}</script>
 <script>{_plotly()}</script>
 {scripts}</body>
 </html>
@@ -124,11 +124,6 @@ class Page:
 def text(value: object) -> str:
     """HTML text of anything a user may have named."""
     return escape(str(value))
-
-
-def embed(data: Any) -> str:
-    """JSON that can stand inside a script element, whatever it holds."""
-    return json.dumps(_plain(data), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def packed(values: ArrayLike) -> dict[str, str]:
@@ -169,21 +164,6 @@ def _notes(notes: Sequence[str]) -> str:
 
 def _cell(column: int, align: str, cell: str) -> str:
     return f'<th scope="row"{align}>{cell}</th>' if column == 0 else f"<td{align}>{cell}</td>"
-
-
-def _plain(data: Any) -> Any:
-    """The same with numpy's numbers as Python's, and null for what JSON cannot say."""
-    if isinstance(data, dict):
-        return {str(k): _plain(v) for k, v in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [_plain(v) for v in data]
-    if isinstance(data, np.ndarray):
-        return _plain(data.tolist())
-    if isinstance(data, np.generic):
-        return _plain(data.item())
-    if isinstance(data, float) and not math.isfinite(data):
-        return None
-    return data
 
 
 def _static(name: str) -> str:

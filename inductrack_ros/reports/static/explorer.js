@@ -24,8 +24,8 @@
     const single = data.effects.length === 0;
     const list = [
       { x: t, y, name: "measured", mode: "markers", marker: { size: 3.5, color: "@measured" }, hovertemplate: `%{y:.5g} ${unit}` },
-      { x: t, y: values(trace.p[0]), name: data.words[0], mode: "lines", line: { color: "@before", width: single ? 1.8 : 1.4, dash: single ? "solid" : "dot" }, hovertemplate: `%{y:.5g} ${unit}` },
-      { x: t, y: residual(0), name: data.words[0], mode: "lines", line: { color: "@before", width: 1 }, yaxis: "y2", showlegend: false, opacity: single ? 1 : 0.55, hovertemplate: "%{y:.3g} × noise" },
+      { x: t, y: values(trace.p[0]), name: data.words[0], mode: "lines", line: { color: data.colour, width: single ? 1.8 : 1.4, dash: single ? "solid" : "dot" }, hovertemplate: `%{y:.5g} ${unit}` },
+      { x: t, y: residual(0), name: data.words[0], mode: "lines", line: { color: data.colour, width: 1 }, yaxis: "y2", showlegend: false, opacity: single ? 1 : 0.55, hovertemplate: "%{y:.3g} × noise" },
     ];
     if (chosen > 0) {
       list.push({ x: t, y: values(trace.p[chosen]), name: data.words[1], mode: "lines", line: { color: "@after", width: 1.8 }, hovertemplate: `%{y:.5g} ${unit}` });
@@ -50,7 +50,7 @@
       text: names.map((c) => number(run.channels[c].e[k])), textposition: "outside", cliponaxis: false, marker: { color },
       hovertemplate: "%{y}: %{text} × noise<extra></extra>",
     });
-    const list = chosen > 0 ? [bars(chosen, data.words[1], "@after"), bars(0, data.words[0], "@before")] : [bars(0, data.words[0], "@before")];
+    const list = chosen > 0 ? [bars(chosen, data.words[1], "@after"), bars(0, data.words[0], data.colour)] : [bars(0, data.words[0], data.colour)];
     const most = Math.max(...list.flatMap((b) => b.x), 3);
     return {
       data: list,

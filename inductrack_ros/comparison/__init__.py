@@ -1,0 +1,1 @@
+"""What `inductrack_ros.compare` finds, sorted and written."""
