@@ -310,7 +310,7 @@ COMMANDS = (
     Command(
         "fit",
         "fit parameters to travel distances or campaigns, and say how well they are known",
-        *_delivered(".paper.fit_command"),
+        *_delivered(".fit_command"),
     ),
     Command("paper", "reproduce Kim and Ge (2012) on one page", *_delivered(".paper.command")),
     Command("watch", "show running nodes live, list topics, print one", *_delivered(".nodes.watch_command")),

@@ -1,6 +1,7 @@
 """The page of the paper: complete, self-contained, and saying what the numbers say."""
 
 import json
+import os
 import re
 from html import unescape
 
@@ -10,12 +11,12 @@ from independent import simulator as other
 from test_reports_browser import BROWSER, open_page
 
 from inductrack_ros import cli
-from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
+from inductrack_ros.core.output_folder import output_folder
 from inductrack_ros.paper import command, figures, reproduction
 from inductrack_ros.paper.facts import AGREES, DISAGREES, load_facts
 from inductrack_ros.paper.identification import FREE, SPEEDS, STD, coverage, truth
-from inductrack_ros.paper.output import config_file, write_files
+from inductrack_ros.paper.output import config_file
 from inductrack_ros.paper.page import raised, render
 from inductrack_ros.paper.reproduction import Reproduction, results, verdict
 
@@ -194,16 +195,17 @@ def test_command_refuses_what_cannot_be(tmp_path, capsys):
 
 
 def test_old_file_survives_a_failed_write(tmp_path, monkeypatch):
-    write_files(tmp_path, {"report.html": "old"})
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.html").write_text("old")
 
     def full(self, *_args, **_more):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pathlib.Path.write_text", full)
-    with pytest.raises(InputError, match="No space left"):
-        write_files(tmp_path, {"report.html": "new"})
+    with pytest.raises(OSError, match="No space left"), output_folder(tmp_path / "out") as folder:
+        monkeypatch.setattr("pathlib.Path.write_text", full)
+        (folder / "report.html").write_text("new")
     monkeypatch.undo()
-    assert (tmp_path / "report.html").read_text() == "old" and len(list(tmp_path.iterdir())) == 1
+    assert (tmp_path / "out" / "report.html").read_text() == "old" and os.listdir(tmp_path) == ["out"]
 
 
 def test_nothing_here_computes_in_the_renderer():

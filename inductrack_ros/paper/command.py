@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ..core.output_folder import output_folder
+
 #: What takes long, in words, and the part of `Reproduction` that it is.
 STEPS = {
     "the paper's runs and claims": "claims",
@@ -29,23 +31,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Reproduce the paper; writes ``report.html`` and ``paper.json``."""
-    import json
-
     from ..core.model import Model
+    from ..core.plain_json import file_text
     from ..progress import progress
     from .facts import load_facts
-    from .output import config_file, write_files
+    from .output import config_file
     from .page import render
     from .reproduction import Reproduction, results, verdict
 
-    write_files(arguments.output, {})  # a folder that cannot be written is said at once
-    model = Model.load(arguments.model or config_file("paper.yaml"))
-    work = Reproduction(model.with_changes(dof=4, drive="averaged"), load_facts())
-    with progress() as tell:
-        for words, part in STEPS.items():
-            tell(words)
-            getattr(work, part)
-    text = json.dumps(results(work), indent=1, ensure_ascii=False)
-    write_files(arguments.output, {"report.html": render(work), "paper.json": text + "\n"})
+    with output_folder(arguments.output) as folder:
+        model = Model.load(arguments.model or config_file("paper.yaml"))
+        work = Reproduction(model.with_changes(dof=4, drive="averaged"), load_facts())
+        with progress() as tell:
+            for words, part in STEPS.items():
+                tell(words)
+                getattr(work, part)
+        (folder / "report.html").write_text(render(work), encoding="utf-8")
+        (folder / "paper.json").write_text(file_text(results(work)), encoding="utf-8")
     print(verdict(work.claims.rows))
     print(Path(arguments.output) / "report.html")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from ..estimation.identify import Profile
+from ..reports.drawing import BLUE, GREEN, ORANGE, PURPLE, at, axes, dots, line
 from ..reports.page import Figure, packed
 from ..reports.words import number
 from .claims import AGREES, CLOSE, Claims, Row
@@ -16,60 +15,10 @@ from .identification import Answer
 from .runs import SPEED_4, Runs, first_zero
 from .stability import Modes
 
-BLUE, ORANGE, GREEN, PURPLE = "@series-1", "@series-2", "@series-3", "@series-4"
 COLOUR = {AGREES: "@good", CLOSE: "@warn"}
-SYMBOL = {"eta": "η", "gamma": "γ"}
 FAR = 3e-4  # how far left the picture's axis goes
 PULSE_LENGTHS = (300e-6, 600e-6, 1200e-6)
 DELAY_SPEEDS = (15.5, 20.0, 40.0)
-
-
-def _line(x, y, name: str, colour: str, **more: Any) -> dict[str, Any]:
-    width = more.pop("width", 2)
-    style = {"color": colour, "width": width, "dash": more.pop("dash", "solid")}
-    return {"type": "scatter", "mode": "lines", "x": packed(x), "y": packed(y), "name": name, "line": style, **more}
-
-
-def _dots(x, y, name: str, colour: str, **more: Any) -> dict[str, Any]:
-    marker = {"color": colour, "size": more.pop("size", 7), "symbol": more.pop("symbol", "circle")}
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": packed(x),
-        "y": packed(y),
-        "name": name,
-        "marker": marker,
-        **more,
-    }
-
-
-def _at(
-    x: float, words: str, colour: str = "@soft", axis: str = "x", up: float = 1.0, side: str = "left"
-) -> tuple[dict, dict]:
-    """A vertical line with words at its top: a shape and an annotation."""
-    number_ = axis.removeprefix("x")
-    shape = {
-        "type": "line",
-        "xref": axis,
-        "yref": f"y{number_} domain",
-        "x0": x,
-        "x1": x,
-        "y0": 0,
-        "y1": 1,
-        "line": {"color": colour, "width": 1, "dash": "dot"},
-    }
-    note = {
-        "xref": axis, "yref": f"y{number_} domain", "x": x, "y": up, "text": words, "showarrow": False, "font": {"color": colour, "size": 12},
-        "xanchor": side, "yanchor": "top", "xshift": 4 if side == "left" else -4, "bgcolor": "@page", "borderpad": 1,
-    }  # fmt: skip
-    return shape, note
-
-
-def _layout(x: str, y: str, marks: Sequence[tuple[dict, dict]] = (), **more: Any) -> dict[str, Any]:
-    return {
-        "xaxis": {"title": x, **more.pop("xaxis", {})}, "yaxis": {"title": y, **more.pop("yaxis", {})},
-        "shapes": [m[0] for m in marks], "annotations": [m[1] for m in marks], **more,
-    }  # fmt: skip
 
 
 # ---------------------------------------------------------------- the first screen
@@ -115,12 +64,12 @@ def figure_2(runs: Runs) -> Figure:
     f = runs.figure_2
     x, y = f["peak"]
     data = [
-        _line(f["ratio"], f["lift"], "lift", BLUE),
-        _line(f["ratio"], f["drag"], "drag", ORANGE),
-        _dots([x], [y], "largest drag", ORANGE, showlegend=False),
+        line(f["ratio"], f["lift"], "lift", BLUE),
+        line(f["ratio"], f["drag"], "drag", ORANGE),
+        dots([x], [y], "largest drag", ORANGE, showlegend=False),
     ]
     note = {"x": x, "y": y, "text": f"½ at ωL/R = {x:.2f}", "ax": 80, "ay": -14, "arrowcolor": "@soft"}
-    layout = _layout("ωL/R", "force over largest lift", xaxis={"range": [0, 10]}, yaxis={"range": [0, 1.02]})
+    layout = axes("ωL/R", "force over largest lift", xaxis={"range": [0, 10]}, yaxis={"range": [0, 1.02]})
     return Figure(data, layout | {"annotations": [note]}, "Lift and drag over ωL/R")
 
 
@@ -130,12 +79,12 @@ def figure_4(runs: Runs) -> Figure:
     gap = 100 * orbit.gaps
     turn = slice(0, 201)
     data = [
-        _line(gap, orbit.run["heave_rate"], "20 swings", BLUE, width=1),
-        _line(gap[turn], orbit.run["heave_rate"][turn], "the first", ORANGE, width=2, dash="dash"),
+        line(gap, orbit.run["heave_rate"], "20 swings", BLUE, width=1),
+        line(gap[turn], orbit.run["heave_rate"][turn], "the first", ORANGE, width=2, dash="dash"),
     ]
     return Figure(
         data,
-        _layout("gap under the top array (cm)", "vertical speed (m/s)"),
+        axes("gap under the top array (cm)", "vertical speed (m/s)"),
         f"Closed orbit of heave at a held speed of {SPEED_4:g} m/s",
     )
 
@@ -144,11 +93,11 @@ def figure_5(runs: Runs) -> Figure:
     """Lift at 10 mm and equilibrium gap over speed."""
     f = runs.figure_5
     data = [
-        _line(f["speed"], f["lift"], "lift at 10 mm (N)", BLUE),
-        _line(f["speed"], 1e3 * f["gap"], "gap (mm)", ORANGE, yaxis="y2"),
+        line(f["speed"], f["lift"], "lift at 10 mm (N)", BLUE),
+        line(f["speed"], 1e3 * f["gap"], "gap (mm)", ORANGE, yaxis="y2"),
     ]
-    mark = _at(runs.lowest_speed, f"carries the weight<br>from {runs.lowest_speed:.2f} m/s on", side="right")
-    layout = _layout("speed (m/s)", "net lift with all gaps at 10 mm (N)", [mark], yaxis={"rangemode": "tozero"})
+    mark = at(runs.lowest_speed, f"carries the weight<br>from {runs.lowest_speed:.2f} m/s on", side="right")
+    layout = axes("speed (m/s)", "net lift with all gaps at 10 mm (N)", [mark], yaxis={"rangemode": "tozero"})
     layout["yaxis2"] = {
         "title": {"text": "gap that carries (mm)"},
         "overlaying": "y",
@@ -164,18 +113,18 @@ def figure_6(runs: Runs) -> Figure:
     """Travel in 2 s over the initial speed."""
     f = runs.figure_6
     data = [
-        _line(f["speed"], f["travel"], "travel in 2 s", BLUE),
-        _line(f["speed"], 2 * f["speed"], "at constant speed", "@soft", width=1, dash="dash"),
+        line(f["speed"], f["travel"], "travel in 2 s", BLUE),
+        line(f["speed"], 2 * f["speed"], "at constant speed", "@soft", width=1, dash="dash"),
     ]
     critical = runs.critical_speed
     marks = [
-        _at(critical, f"equations {critical:.2f}", BLUE, up=0.98, side="right"),
-        _at(16.2, "text 16.2", ORANGE, up=0.88),
-        _at(18.5, "caption 18.5", ORANGE, up=0.98, side="right"),
+        at(critical, f"equations {critical:.2f}", BLUE, up=0.98, side="right"),
+        at(16.2, "text 16.2", ORANGE, up=0.88),
+        at(18.5, "caption 18.5", ORANGE, up=0.98, side="right"),
     ]
     return Figure(
         data,
-        _layout("initial speed (m/s)", "travel in 2 s (m)", marks, yaxis={"rangemode": "tozero"}),
+        axes("initial speed (m/s)", "travel in 2 s (m)", marks, yaxis={"rangemode": "tozero"}),
         "Travel in 2 s over initial speed",
     )
 
@@ -184,15 +133,15 @@ def figure_7(runs: Runs) -> tuple[Figure, Figure, Figure]:
     """Heave, travel and forces of the 2-DOF run."""
     run, thin = runs.figure_7, slice(None, None, 4)
     t, touch = run.times[thin], runs.first_touch
-    mark = _at(touch, f"touches at {touch:.2f} s")
+    mark = at(touch, f"touches at {touch:.2f} s")
     a = Figure(
-        [_line(t, 1e3 * run["gap_top"][thin], "gap", BLUE)],
-        _layout(
-            "time (s)", "gap under the top array (mm)", [_at(touch, f"touches at {touch:.4f} s")], showlegend=False
+        [line(t, 1e3 * run["gap_top"][thin], "gap", BLUE)],
+        axes(
+            "time (s)", "gap under the top array (mm)", [at(touch, f"touches at {touch:.4f} s")], showlegend=False
         ),
         "Figure 7a: gap over time, touching at 1.19 s",
     )
-    b_layout = _layout("time (s)", "travel (m)", [mark], yaxis={"rangemode": "tozero"})
+    b_layout = axes("time (s)", "travel (m)", [mark], yaxis={"rangemode": "tozero"})
     b_layout["yaxis2"] = {
         "title": {"text": "speed (m/s)"},
         "overlaying": "y",
@@ -203,8 +152,8 @@ def figure_7(runs: Runs) -> tuple[Figure, Figure, Figure]:
     }
     b = Figure(
         [
-            _line(t, run["surge"][thin], "travel (m)", BLUE),
-            _line(t, run["surge_rate"][thin], "speed (m/s)", ORANGE, yaxis="y2"),
+            line(t, run["surge"][thin], "travel (m)", BLUE),
+            line(t, run["surge_rate"][thin], "speed (m/s)", ORANGE, yaxis="y2"),
         ],
         b_layout,
         "Figure 7b: travel and speed over time",
@@ -212,12 +161,12 @@ def figure_7(runs: Runs) -> tuple[Figure, Figure, Figure]:
     f = runs.figure_7_forces
     c = Figure(
         [
-            _line(f["times"], f["drag"], "drag", ORANGE),
-            _line(f["times"], f["thrust"], "thrust", GREEN),
-            _line(f["times"], f["lift"], "magnetic lift", BLUE),
-            _line(f["times"], f["contact"], "contact", "@soft", width=1),
+            line(f["times"], f["drag"], "drag", ORANGE),
+            line(f["times"], f["thrust"], "thrust", GREEN),
+            line(f["times"], f["lift"], "magnetic lift", BLUE),
+            line(f["times"], f["contact"], "contact", "@soft", width=1),
         ],
-        _layout("time (s)", "force (N)", [mark], yaxis={"range": [0, 420]}),
+        axes("time (s)", "force (N)", [mark], yaxis={"range": [0, 420]}),
         "Figure 7c: drag, thrust, lift and contact force over time",
     )
     return a, b, c
@@ -229,24 +178,24 @@ def figure_10(runs: Runs) -> tuple[Figure, Figure, Figure]:
     t = run.times[thin]
     first, second = first_zero(run.times, run["gap_top"]), runs.second_touch
     marks = [
-        _at(first, f"top touches, {first:.2f} s"),
-        _at(second, f"side, {second:.2f} s", side="right"),
-        _at(2.5, "paper: 2.5 s", ORANGE, up=0.12, side="right"),
+        at(first, f"top touches, {first:.2f} s"),
+        at(second, f"side, {second:.2f} s", side="right"),
+        at(2.5, "paper: 2.5 s", ORANGE, up=0.12, side="right"),
     ]
     f = runs.figure_10_moment
     a = Figure(
-        [_line(t, 1e3 * run["sway"][thin], "slip", BLUE)],
-        _layout("time (s)", "slip (mm, left)", marks, showlegend=False),
+        [line(t, 1e3 * run["sway"][thin], "slip", BLUE)],
+        axes("time (s)", "slip (mm, left)", marks, showlegend=False),
         "Figure 10a: slip over time",
     )
     b = Figure(
-        [_line(f["times"], f["moment"], "moment", BLUE)],
-        _layout("time (s)", "roll moment (N·m)", marks, showlegend=False),
+        [line(f["times"], f["moment"], "moment", BLUE)],
+        axes("time (s)", "roll moment (N·m)", marks, showlegend=False),
         "Figure 10b: roll moment over time",
     )
     c = Figure(
-        [_line(t, np.degrees(run["roll"][thin]), "roll", BLUE)],
-        _layout("time (s)", "roll (°)", marks, showlegend=False),
+        [line(t, np.degrees(run["roll"][thin]), "roll", BLUE)],
+        axes("time (s)", "roll (°)", marks, showlegend=False),
         "Figure 10c: roll over time",
     )
     return a, b, c
@@ -259,14 +208,14 @@ def damping(claims: Claims, found: Sequence[Modes]) -> Figure:
     """Damping in heave over speed, by what causes it."""
     speed = [m.speed for m in found]
     data = [
-        _line(speed, [m.held_damping for m in found], "the paper's: speed held", "@soft", dash="dash"),
-        _line(speed, [m.coupling_damping for m in found], "speed free: surge–heave coupling", BLUE),
-        _line(speed, [m.current_damping for m in found], "unsteady coil current, speed held", ORANGE),
-        _line(speed, [m.both_damping for m in found], "both", GREEN, width=3),
+        line(speed, [m.held_damping for m in found], "the paper's: speed held", "@soft", dash="dash"),
+        line(speed, [m.coupling_damping for m in found], "speed free: surge–heave coupling", BLUE),
+        line(speed, [m.current_damping for m in found], "unsteady coil current, speed held", ORANGE),
+        line(speed, [m.both_damping for m in found], "both", GREEN, width=3),
     ]
     corner, end = claims.beyond["current_sign_change"], claims.beyond["both_sign_change"]
-    marks = [_at(corner, f"R/kL, {corner:.1f} m/s", ORANGE), _at(end, f"unstable above {end:.1f} m/s", GREEN, up=0.4)]
-    layout = _layout(
+    marks = [at(corner, f"R/kL, {corner:.1f} m/s", ORANGE), at(end, f"unstable above {end:.1f} m/s", GREEN, up=0.4)]
+    layout = axes(
         "speed (m/s)", "damping in heave (N·s/m)", marks, yaxis={"range": [-0.6, 3]}, xaxis={"range": [8, 60]}
     )
     layout["legend"] = {
@@ -284,13 +233,13 @@ def frequencies(found: Sequence[Modes]) -> Figure:
     """Natural frequencies over speed."""
     speed = [m.speed for m in found]
     data = [
-        _line(speed, [m.heave_frequency for m in found], "heave", BLUE),
-        _line(speed, [m.lateral_frequencies[1] for m in found], "roll with sway", PURPLE),
-        _line(speed, [m.lateral_frequencies[0] for m in found], "sway with roll", GREEN),
+        line(speed, [m.heave_frequency for m in found], "heave", BLUE),
+        line(speed, [m.lateral_frequencies[1] for m in found], "roll with sway", PURPLE),
+        line(speed, [m.lateral_frequencies[0] for m in found], "sway with roll", GREEN),
     ]
     return Figure(
         data,
-        _layout("speed (m/s)", "natural frequency (Hz)", yaxis={"rangemode": "tozero"}),
+        axes("speed (m/s)", "natural frequency (Hz)", yaxis={"rangemode": "tozero"}),
         "Natural frequencies over speed",
     )
 
@@ -299,11 +248,11 @@ def stiffness(found: Sequence[Modes]) -> Figure:
     """Stiffness in heave, sway and roll over speed."""
     speed = [m.speed for m in found]
     data = [
-        _line(speed, [1e-3 * m.heave_stiffness for m in found], "heave (N/mm)", BLUE),
-        _line(speed, [1e-3 * m.sway_stiffness for m in found], "sway (N/mm)", GREEN),
-        _line(speed, [m.roll_stiffness for m in found], "roll (N·m/rad)", PURPLE, yaxis="y2"),
+        line(speed, [1e-3 * m.heave_stiffness for m in found], "heave (N/mm)", BLUE),
+        line(speed, [1e-3 * m.sway_stiffness for m in found], "sway (N/mm)", GREEN),
+        line(speed, [m.roll_stiffness for m in found], "roll (N·m/rad)", PURPLE, yaxis="y2"),
     ]
-    layout = _layout("speed (m/s)", "stiffness (N/mm)", yaxis={"range": [0, 30]})
+    layout = axes("speed (m/s)", "stiffness (N/mm)", yaxis={"range": [0, 30]})
     layout["yaxis2"] = {
         "title": {"text": "roll (N·m/rad)"},
         "overlaying": "y",
@@ -318,11 +267,11 @@ def stiffness(found: Sequence[Modes]) -> Figure:
 def growth(found: Sequence[Modes], critical: float) -> Figure:
     """How fast an error of the speed grows, in steady flight at each speed."""
     speed = [m.speed for m in found]
-    data = [_line(speed, [m.growth for m in found], "growth", ORANGE)]
-    layout = _layout(
+    data = [line(speed, [m.growth for m in found], "growth", ORANGE)]
+    layout = axes(
         "speed (m/s)",
         "growth of a speed error (1/s)",
-        [_at(critical, f"critical speed, {critical:.2f} m/s")],
+        [at(critical, f"critical speed, {critical:.2f} m/s")],
         showlegend=False,
         yaxis={"rangemode": "tozero"},
     )
@@ -357,7 +306,7 @@ def eigenvalues(found: Sequence[Modes]) -> Figure:
         {"x": 0.1, "y": 13, "text": "sway with roll", "showarrow": False, "xanchor": "left"},
         {"x": 2.0, "y": 3, "text": "speed", "showarrow": False},
     ]
-    layout = _layout("real part (1/s): right of 0 grows", "imaginary part (rad/s)", xaxis={"range": [-1.2, 3.5]})
+    layout = axes("real part (1/s): right of 0 grows", "imaginary part (rad/s)", xaxis={"range": [-1.2, 3.5]})
     return Figure(data, layout | {"annotations": notes}, "Eigenvalues of the linearised 4-DOF model over speed", 360)
 
 
@@ -369,17 +318,17 @@ def drive(model) -> Figure:
     time, thrust = thrust_in_time(model, 15.5, periods=2.0, points=601)
     mean = model.quantities(model.initial_state(surge_rate=15.5))["thrust"]
     data = [
-        _line(1e3 * time, 1e-3 * thrust, "pulse by pulse", BLUE, legendgroup="p"),
-        _line(1e3 * time[[0, -1]], 1e-3 * np.array([mean, mean]), "averaged (39)", ORANGE, width=2),
+        line(1e3 * time, 1e-3 * thrust, "pulse by pulse", BLUE, legendgroup="p"),
+        line(1e3 * time[[0, -1]], 1e-3 * np.array([mean, mean]), "averaged (39)", ORANGE, width=2),
     ]
     speeds, fine = np.concatenate([np.linspace(2, 10, 3), np.linspace(15, 100, 18)]), np.linspace(1, 100, 200)
     for tau, colour in zip(PULSE_LENGTHS, (GREEN, BLUE, PURPLE), strict=True):
         of = model.with_changes({"pulse_length": tau})
         low = [v for v in speeds if 2 * v * tau < 1.6 * of.parameters["wavelength"]]
         name = f"τ = {1e6 * tau:.0f} µs"
-        data.append(_dots(low, [mean_ratio(of, v) for v in low], name, colour, xaxis="x2", yaxis="y2", size=6))
+        data.append(dots(low, [mean_ratio(of, v) for v in low], name, colour, xaxis="x2", yaxis="y2", size=6))
         data.append(
-            _line(fine, closed_formula(of, fine), name, colour, xaxis="x2", yaxis="y2", showlegend=False, width=1.5)
+            line(fine, closed_formula(of, fine), name, colour, xaxis="x2", yaxis="y2", showlegend=False, width=1.5)
         )
     delays, fine = np.linspace(0, 1.2e-3, 13), np.linspace(0, 1.2e-3, 200)
     for speed, colour, shape in zip(
@@ -387,7 +336,7 @@ def drive(model) -> Figure:
     ):
         name = f"{speed:g} m/s"
         data.append(
-            _dots(
+            dots(
                 1e3 * delays,
                 [mean_ratio(model, speed, d) for d in delays],
                 name,
@@ -399,7 +348,7 @@ def drive(model) -> Figure:
             )
         )
         data.append(
-            _line(
+            line(
                 1e3 * fine,
                 closed_formula(model, speed, fine),
                 name,
@@ -457,87 +406,16 @@ def drive(model) -> Figure:
 # ---------------------------------------------------------------- identification
 
 
-def profiles(found: Sequence[Profile], truth: Sequence[float] | None = None) -> Figure:
-    """Profile likelihoods, one panel a parameter, with the 95 % interval shaded."""
-    n = len(found)
-    data, layout = [], {"annotations": [], "shapes": [], "showlegend": False}
-    for k, p in enumerate(found):
-        axis = "" if k == 0 else str(k + 1)
-        name = SYMBOL.get(p.name, p.name)
-        data.append(
-            _line(
-                p.values,
-                p.rise,
-                name,
-                BLUE,
-                xaxis=f"x{axis}",
-                yaxis=f"y{axis}",
-                mode="lines+markers",
-                marker={"size": 5, "color": BLUE},
-            )
-        )
-        low, high = max(p.low, p.values[0]), min(p.high, p.values[-1])
-        layout["shapes"] += [
-            {
-                "type": "rect",
-                "xref": f"x{axis}",
-                "yref": f"y{axis} domain",
-                "x0": low,
-                "x1": high,
-                "y0": 0,
-                "y1": 1,
-                "fillcolor": "@band",
-                "line": {"width": 0},
-                "layer": "below",
-            },
-            {
-                "type": "line",
-                "xref": f"x{axis} domain",
-                "yref": f"y{axis}",
-                "x0": 0,
-                "x1": 1,
-                "y0": p.threshold,
-                "y1": p.threshold,
-                "line": {"color": "@soft", "width": 1, "dash": "dash"},
-            },
-        ]
-        if truth is not None:
-            shape, note = _at(truth[k], "true", ORANGE, f"x{axis}", up=0.98)
-            layout["shapes"].append(shape)
-            layout["annotations"].append(note)
-        width = 1 / n
-        layout[f"xaxis{axis}"] = {
-            "title": name,
-            "domain": [k * width + (0.06 if k else 0), (k + 1) * width - 0.01],
-            "anchor": f"y{axis}",
-            "nticks": 5,
-        }
-        layout[f"yaxis{axis}"] = {
-            "title": "rise of the misfit (σ²)" if k == 0 else "",
-            "anchor": f"x{axis}",
-            "range": [-0.2, 2.2 * p.threshold],
-        }
-    return Figure(data, layout, "Profile likelihood of each parameter with its 95 % interval", 300)
-
-
 def answers(found: np.ndarray, truth: Sequence[float], one: Answer) -> Figure:
     """All answers of the simulated identifications, and the ellipse that one of them states."""
     turn = np.linspace(0, 2 * np.pi, 121)
     root = np.linalg.cholesky(one.fit.covariance) * np.sqrt(5.991)
     ellipse = np.array(truth)[:, None] + root @ np.array([np.cos(turn), np.sin(turn)])
     data = [
-        _dots(found[:, 0], found[:, 1], "answers", BLUE, size=6),
-        _line(*ellipse, "95 % ellipse as stated", "@soft", width=1),
-        _dots([truth[0]], [truth[1]], "true", ORANGE, size=12, symbol="cross"),
+        dots(found[:, 0], found[:, 1], "answers", BLUE, size=6),
+        line(*ellipse, "95 % ellipse as stated", "@soft", width=1),
+        dots([truth[0]], [truth[1]], "true", ORANGE, size=12, symbol="cross"),
     ]
     return Figure(
-        data, _layout("η", "γ", xaxis={"nticks": 5}), f"Answers of {len(found)} simulated identifications", 320
+        data, axes("η", "γ", xaxis={"nticks": 5}), f"Answers of {len(found)} simulated identifications", 320
     )
-
-
-def distances(speed: np.ndarray, left: np.ndarray, std: np.ndarray) -> Figure:
-    """What is left of each distance after the fit (m), with its standard deviation."""
-    bars = {"type": "data", "array": std.tolist(), "color": BLUE}
-    data = [_dots(speed, left, "measured − fitted", BLUE, error_y=bars)]
-    layout = _layout("initial speed (m/s)", "distance: measured − fitted (m)", showlegend=False)
-    return Figure(data, layout, "Distances measured minus fitted, with their standard deviation", 300)

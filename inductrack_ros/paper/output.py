@@ -1,9 +1,7 @@
-"""Where the paper's rig is described, and how results are written."""
+"""Where the paper's rig is described."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.errors import InputError
@@ -18,19 +16,3 @@ def config_file(name: str) -> Path:
             if place.is_file():
                 return place
     raise InputError(f"config/{name} is not installed; give the file with --model")
-
-
-def write_files(folder: str | Path, files: Mapping[str, str]) -> None:
-    """Write each text into ``folder``, made if need be; a file appears whole or not at all. Raises `InputError`."""
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            aside = folder / f".{name}.{os.getpid()}"
-            try:
-                aside.write_text(content, encoding="utf-8")
-                aside.replace(folder / name)
-            finally:
-                aside.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"--output {folder}: cannot be written: {error.strerror}") from None

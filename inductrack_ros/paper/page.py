@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..core.parameters import PARAMETERS
+from ..reports.fit_figures import profiles
+from ..reports.fit_report import raised
 from ..reports.page import Page, table, text
-from ..reports.words import number, sized
+from ..reports.words import SYMBOL, number, sized
 from . import figures
 from .claims import AGREES, CLOSE, DISAGREES, Row
 from .identification import FLAT_SPEEDS, FLAT_STD, FREE, SPEEDS, STD, Precision, truth
@@ -20,7 +21,6 @@ KINDS = {
     "contradiction": "the paper contradicts itself",
     "assumption": "depends on what the paper does not print",
 }
-SYMBOL = {"eta": "η", "gamma": "γ"}
 
 
 def render(work: Reproduction) -> str:
@@ -276,7 +276,7 @@ def _identification(page: Page, work: Reproduction) -> str:
         words
         + '<div class="two">'
         + page.figure(
-            figures.profiles(good.profiles, values),
+            profiles(good.profiles, values),
             f"Profile likelihood from {_starts(SPEEDS)} m/s, ± {100 * STD:g} cm; green: the 95 % interval.",
         )
         + page.figure(
@@ -286,7 +286,7 @@ def _identification(page: Page, work: Reproduction) -> str:
         + "</div>"
         + warning
         + page.figure(
-            figures.profiles(flat.profiles, values),
+            profiles(flat.profiles, values),
             f"Profile likelihood from {_starts(FLAT_SPEEDS)} m/s, ± {FLAT_STD:g} m: wide, and not a parabola.",
         )
         + choices
@@ -368,8 +368,3 @@ def _drive(page: Page, work: Reproduction) -> str:
 
 def _minus(number_text: str) -> str:
     return number_text.replace("-", "−")
-
-
-def raised(sentence: str) -> str:
-    """HTML of a sentence with exponents such as ^-0.98."""
-    return re.sub(r"\^(-?[\d.]+\d)", lambda m: f"<sup>{_minus(m[1])}</sup>", text(sentence))

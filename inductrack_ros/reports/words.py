@@ -12,6 +12,8 @@ _SHOWN = (
     | dict.fromkeys(("sway_rate", "heave_rate"), (1e3, "mm/s"))
     | {"roll": (1e3, "mrad"), "roll_rate": (1e3, "mrad/s")}
 )
+#: Parameters that have a letter of their own in the paper.
+SYMBOL = {"eta": "η", "gamma": "γ"}
 _TITLES = {"surge": "Travel (surge)", "gap_top": "Top gap", "gap_right": "Right gap", "gap_left": "Left gap"}
 
 

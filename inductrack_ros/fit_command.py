@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..core.errors import InputError
+from .core.errors import InputError
+from .core.named_values import named_values
+from .core.output_folder import output_folder
+
+if TYPE_CHECKING:
+    from .core.model import Model
+    from .data import Campaign
 
 EPILOG = """examples:
   inductrack fit travels.csv --std 0.05 --output fit
@@ -64,16 +72,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Fit; writes ``report.html``, ``fit.json`` and ``model.yaml``."""
-    import json
+    from .core.plain_json import file_text
+    from .data import load_campaign, usable
+    from .estimation.identify import Identification, verdict
+    from .estimation.misfits import DURATION, JointMisfit, SeriesMisfit, TravelMisfit, read_travels
+    from .progress import progress, say_notes
+    from .reports.fit_report import FitReport, render, results
 
-    from ..core.model import Model
-    from ..data import load_campaign, usable
-    from ..estimation.identify import Identification, verdict
-    from ..estimation.misfits import DURATION, JointMisfit, SeriesMisfit, TravelMisfit, read_travels
-    from ..progress import progress, say_notes
-    from .fit_page import FitReport, render, results
-    from .output import write_files
+    table, folder = _data(arguments)
+    travels = read_travels(table, arguments.duration or DURATION, arguments.std or math.nan) if table else None
+    campaign = load_campaign(folder) if folder else None
+    with output_folder(arguments.output, campaign and campaign.folder) as written:
+        free, model = _model(arguments, campaign)
+        campaign = campaign and usable(campaign, model)
+        notes = campaign.notes if campaign else ()
+        say_notes(notes)
+        travel = TravelMisfit(model, free, travels) if travels is not None else None
+        series = SeriesMisfit(campaign, model, free) if campaign is not None else None
+        parts = [p for p in (travel, series) if p is not None]
+        start = series.start if series is not None else [_value(model, n) for n in free]
+        question = Identification(parts[0] if len(parts) == 1 else JointMisfit(parts), start)
+        with progress() as tell:
+            tell("least squares, then Nelder–Mead from the same start")
+            fit = question.fit()
+            profiles = []
+            for name in free:
+                tell(f"profile likelihood of {name}")
+                profiles.append(question.profile(fit, name))
+        name = campaign.name if campaign else ""
+        report = FitReport(fit, profiles, verdict(fit, profiles), travels, name, travel, series, notes)
+        fitted = with_values(model, dict(zip(free, fit.values.tolist(), strict=True)))
+        (written / "report.html").write_text(render(report), encoding="utf-8")
+        (written / "fit.json").write_text(file_text(results(report)), encoding="utf-8")
+        fitted.save(written / "model.yaml", f"Fitted by inductrack fit: {', '.join(free)}")
+    print(report.words)
+    print(Path(arguments.output) / "report.html")
 
+
+def _data(arguments: argparse.Namespace) -> tuple[str | None, str | None]:
+    """The table of distances and the campaign's folder that were given."""
     for name in ("duration", "std"):
         value = getattr(arguments, name)
         if value is not None and not (math.isfinite(value) and value > 0):
@@ -82,54 +119,31 @@ def run(arguments: argparse.Namespace) -> None:
     folders = [d for d in arguments.data if d not in tables]
     if len(tables) > 1 or len(folders) > 1:
         raise InputError(f"{arguments.data[-1]}: give at most one CSV of distances and one campaign")
-    travels = read_travels(tables[0], arguments.duration or DURATION, arguments.std or math.nan) if tables else None
-    campaign = load_campaign(folders[0]) if folders else None
-    if campaign is not None and Path(arguments.output).resolve() == Path(campaign.folder).resolve():
-        raise InputError(f"--output {arguments.output}: that is the campaign's own folder; choose another")
-    write_files(arguments.output, {})
+    return next(iter(tables), None), next(iter(folders), None)
+
+
+def _model(arguments: argparse.Namespace, campaign: Campaign | None) -> tuple[tuple[str, ...], Model]:
+    """Names of the parameters to fit, and the model that the fit starts from."""
+    from .core.model import Model
 
     if campaign is not None:
         model = campaign.load_model(arguments.model, arguments.effects)
-        campaign = usable(campaign, model)
-        say_notes(campaign.notes)
     elif arguments.model:
         model = Model.load(arguments.model, arguments.effects)
     else:
         model = Model.create(effect_files=arguments.effects)
-    free = (
-        tuple(n.strip() for n in arguments.free.split(","))
-        if arguments.free
-        else campaign.free
-        if campaign
-        else ("eta", "gamma")
-    )
-    model = with_values(model, _start(arguments.start, free))
-
-    travel = TravelMisfit(model, free, travels) if travels is not None else None
-    series = SeriesMisfit(campaign, model, free) if campaign is not None else None
-    parts = [p for p in (travel, series) if p is not None]
-    start = series.start if series is not None else [_value(model, n) for n in free]
-    question = Identification(parts[0] if len(parts) == 1 else JointMisfit(parts), start)
-    with progress() as tell:
-        tell("least squares, then Nelder–Mead from the same start")
-        fit = question.fit()
-        profiles = []
-        for name in free:
-            tell(f"profile likelihood of {name}")
-            profiles.append(question.profile(fit, name))
-    report = FitReport(
-        fit, profiles, verdict(fit, profiles), travels, campaign.name if campaign else "", travel, series,
-        campaign.notes if campaign else (),
-    )  # fmt: skip
-    fitted = with_values(model, dict(zip(free, fit.values.tolist(), strict=True)))
-    text = json.dumps(results(report), indent=1, ensure_ascii=False, allow_nan=False)
-    write_files(arguments.output, {"report.html": render(report), "fit.json": text + "\n"})
-    fitted.save(Path(arguments.output) / "model.yaml", f"Fitted by inductrack fit: {', '.join(free)}")
-    print(report.words)
-    print(Path(arguments.output) / "report.html")
+    if arguments.free:
+        free = tuple(n.strip() for n in arguments.free.split(","))
+    else:
+        free = campaign.free if campaign else ("eta", "gamma")
+    start = named_values(arguments.start, "--start", "eta=1")
+    for name in start:
+        if name not in free:
+            raise InputError(f"--start: '{name}' is not among the free parameters {', '.join(free)}; add it to --free")
+    return free, with_values(model, start)
 
 
-def with_values(model, values):
+def with_values(model: Model, values: Mapping[str, float]) -> Model:
     """``model`` with parameters set by full name."""
     base = {n: v for n, v in values.items() if "." not in n}
     effects = {e: dict(p) for e, p in model.effects.items()}
@@ -140,23 +154,10 @@ def with_values(model, values):
     return model.with_changes(base, effects)
 
 
-def _value(model, name: str) -> float:
+def _value(model: Model, name: str) -> float:
     """The model's value of a parameter by full name."""
-    from ..estimation.misfits import declarations
+    from .estimation.misfits import declarations
 
     declarations(model, [name])
     effect, dot, parameter = name.rpartition(".")
     return model.effects[effect][parameter] if dot else model.parameters[name]
-
-
-def _start(given: str, free: tuple[str, ...]) -> dict[str, float]:
-    values = {}
-    for entry in filter(None, (part.strip() for part in given.split(","))):
-        name, _, number = (part.strip() for part in entry.partition("="))
-        try:
-            values[name] = float(number)
-        except ValueError:
-            raise InputError(f"--start: '{entry}' is not NAME=NUMBER, e.g. eta=1") from None
-        if name not in free:
-            raise InputError(f"--start: '{name}' is not among the free parameters {', '.join(free)}; add it to --free")
-    return values

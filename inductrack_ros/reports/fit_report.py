@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +12,9 @@ import numpy as np
 
 from ..estimation.identify import Fit, Profile, valley
 from ..estimation.misfits import SeriesMisfit, TravelMisfit, Travels
-from ..reports.page import Page, table, text
-from ..reports.words import number, sized
-from .figures import distances, profiles
-from .page import SYMBOL, raised
+from .fit_figures import distances, profiles
+from .page import Page, table, text
+from .words import SYMBOL, number, sized
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class FitReport:
 
 
 def results(report: FitReport) -> dict[str, Any]:
-    """The fit for programs; a number that is not finite (an interval without an end) is null."""
+    """The fit for programs; a number that is not finite (an interval without an end) is null in the file."""
     fit = report.fit
     along = valley(fit)
     return {
         "verdict": report.words,
         "parameters": {
             n: {
-                "value": v, "std": s, "interval": [_finite(p.low), _finite(p.high)], "flat": p.flat, "nelder_mead": _finite(nm),
+                "value": v, "std": s, "interval": [p.low, p.high], "flat": p.flat, "nelder_mead": nm,
                 "profile": {"value": p.values.tolist(), "rise": p.rise.tolist(), "threshold": p.threshold},
             }
             for n, v, s, nm, p in zip(fit.free, fit.values.tolist(), fit.std.tolist(), _simplex(fit), report.profiles, strict=True)
@@ -52,10 +52,6 @@ def results(report: FitReport) -> dict[str, Any]:
         "chance": fit.chance,
         "fixed_best": None if along is None else {"exponents": dict(zip(fit.free, along.best_exponents.tolist(), strict=True)), "relative_std": along.best_std},
     }  # fmt: skip
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _simplex(fit: Fit) -> list[float]:
@@ -157,3 +153,8 @@ def _series(report: FitReport) -> str:
         table(["Run", "Samples", "Error over noise"], rows)
         + "<p class='soft'>Traces: <code>inductrack compare CAMPAIGN --model model.yaml</code>.</p>"
     )
+
+
+def raised(sentence: str) -> str:
+    """HTML of a sentence with exponents such as ^-0.98."""
+    return re.sub(r"\^(-?[\d.]+\d)", lambda m: f"<sup>{m[1].replace('-', '−')}</sup>", text(sentence))
