@@ -186,7 +186,7 @@ def test_command_writes_both_files(tmp_path, monkeypatch, capsys):
 def test_command_refuses_what_cannot_be(tmp_path, capsys):
     (tmp_path / "file").write_text("x")
     for options, place in (
-        (["--output", str(tmp_path / "file")], "cannot be written"),
+        (["--output", str(tmp_path / "file")], "is a file; give a folder"),
         (["--output", str(tmp_path / "out"), "--model", str(tmp_path / "none.yaml")], "no such file"),
     ):
         assert cli.main(["paper", *options]) == 2

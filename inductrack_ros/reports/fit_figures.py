@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..estimation.identify import Profile
-from .drawing import BLUE, ORANGE, at, dots, line
+from .drawing import BLUE, ORANGE, at, axes, dots, line
 from .page import Figure
 from .words import SYMBOL
 
