@@ -226,8 +226,7 @@ class Board(Watcher):
         self._follow_wrenches()
         self.take_all()
         if self._once:
-            complete = self._view.statuses and (self._view.truth or self._view.measured)
-            if complete or self.waited > LONGEST:
+            if self._is_complete() or self.waited > LONGEST:
                 self._console.print(screen(self._view))
                 self.finished = True
         elif self._live:
@@ -235,6 +234,15 @@ class Board(Watcher):
         elif now >= self._next_line:
             self._next_line = now + LINE
             print(line(self._view), flush=True)
+
+    def _is_complete(self) -> bool:
+        """Whether all nodes of the namespace that are known to speak have spoken, and a state is there."""
+        speakers = {
+            info.node_name for info in self.get_publishers_info_by_topic("/diagnostics")
+            if info.node_namespace == self._view.namespace
+        }  # fmt: skip
+        state = self._view.truth or self._view.measured
+        return bool(speakers and state) and speakers <= set(self._view.statuses) and self.waited > SETTLED
 
     def _follow_wrenches(self) -> None:
         """Each effect has a topic of its own, so they are found and not listed."""
