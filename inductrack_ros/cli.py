@@ -20,6 +20,7 @@ from .core.errors import InputError
 from .core.named_values import named_values
 from .core.output_folder import output_folder
 from .progress import progress, say_notes
+from .terminal import speak_to_any_terminal
 
 if TYPE_CHECKING:
     from .core.model import Model
@@ -42,6 +43,7 @@ class Command:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
+    speak_to_any_terminal()
     arguments = _parser().parse_args(argv)
     who = f"inductrack {arguments.command.name}"
     try:

@@ -9,12 +9,14 @@ import sys
 import traceback
 from importlib import import_module
 
+from ..terminal import speak_to_any_terminal
 from .ending import STOP, leave
 
 
 def _run(module: str) -> None:
     """Run the node of this name; the process ends with its status."""
     STOP.listen()
+    speak_to_any_terminal()
     try:
         status = _main(module)
     except SystemExit as error:  # of the options' parser, which has said why
