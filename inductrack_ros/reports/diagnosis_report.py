@@ -49,6 +49,7 @@ def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str]
         tone=TONES[result.verdict],
         lead=_lead(result),
         notes=notes,
+        findings=result.findings,
     )
     page.picture(_picture(page, result))
     if result.indistinguishable or result.next_experiment:
