@@ -16,8 +16,9 @@ from rosbags.typesys import Stores, get_typestore
 from .. import frames
 from ..core.errors import InputError
 from ..core.model import Pulses
+from ..core.rig import Record
 from ..core.state import COORDINATES, GAPS, RATES
-from .bags import ODOMETRY, PULSE_TOPICS, TRUTH, TYPES
+from .bags import MEASURED, ODOMETRY, PULSE_TOPICS, TRUTH, TYPES
 from .measurement import Array
 
 
@@ -28,12 +29,15 @@ def write_bag(
     *,
     start: float = 0.0,
     pulses: Pulses | None = None,
+    measured: Mapping[str, Record] | None = None,
+    gravity: float = frames.GRAVITY,
     frame_id: str = "track",
     child_frame_id: str = "cradle",
 ) -> None:
     """Write a run as a rosbag2 folder (MCAP) with the topics that the simulator's node publishes under `/inductrack/`.
 
     times: (n,) s; columns: (n,) each: all eight states, and gaps if there are any; start: s added to every stamp.
+    measured: what each sensor delivered, for the topics under `measured/`; gravity: m/s², what an Imu at rest shows.
     pose and twist are in the track's axes, the twist of the odometry in the cradle's, as ROS has it.
     The bag appears complete or not at all. Raises InputError if the path exists or cannot be written, or a state is
     missing.
@@ -55,9 +59,56 @@ def write_bag(
             unfinished = Path(temporary, path.name)
             with Writer(unfinished, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
                 _write_messages(writer, stamps, table, pulses, start, frame_id, child_frame_id)
+                _write_measured(_Bag(writer, frame_id), measured or {}, start, gravity, child_frame_id)
             unfinished.rename(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+class _Bag:
+    """A bag that is written: makes headers and, for each topic, a function that writes its messages."""
+
+    def __init__(self, writer: Writer, frame_id: str) -> None:
+        self._writer, self._frame, self._store = writer, frame_id, get_typestore(Stores.ROS2_JAZZY)
+        kinds = self._store.types.items()
+        self.geometry = {name.rpartition("/")[2]: kind for name, kind in kinds if name.startswith("geometry_msgs/")}
+
+    def header(self, stamp: int, frame: str | None = None) -> Any:
+        """A header of a stamp in ns."""
+        time = self._store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 1_000_000_000))
+        return self._store.types["std_msgs/msg/Header"](time, self._frame if frame is None else frame)
+
+    def add(self, topic: str, msgtype: str) -> Callable[..., None]:
+        """Function that writes a message of this type, given its stamp and its fields."""
+        connection = self._writer.add_connection(topic, msgtype, typestore=self._store)
+        kind = self._store.types[msgtype]
+        return lambda stamp, *fields: self._writer.write(connection, stamp, self._store.serialize_cdr(kind(*fields), msgtype))
+
+
+def _write_measured(bag: _Bag, measured: Mapping[str, Record], start: float, gravity: float, child_frame_id: str) -> None:
+    """What the sensors delivered, as the `sim` node publishes it."""
+    point, vector, quaternion = (bag.geometry[n] for n in ("Point", "Vector3", "Quaternion"))
+    no_covariance = np.zeros(9)
+    not_measured = np.array([-1.0, *no_covariance[1:]])
+    for sensor, record in measured.items():
+        write = bag.add(MEASURED + sensor, TYPES[sensor])
+        stamps = (_nanoseconds(record.times) + _nanoseconds(start)).tolist()
+        if sensor == "pose":
+            position, orientation = frames.coordinates_to_pose(record.readings)
+            for stamp, p, q in zip(stamps, position.tolist(), orientation.tolist(), strict=True):
+                write(stamp, bag.header(stamp), bag.geometry["Pose"](point(*p), quaternion(*q)))
+        elif sensor == "twist":
+            linear, angular = frames.rates_to_twist(record.readings)
+            for stamp, v, w in zip(stamps, linear.tolist(), angular.tolist(), strict=True):
+                write(stamp, bag.header(stamp), bag.geometry["Twist"](vector(*v), vector(*w)))
+        elif sensor == "imu":
+            felt = frames.accelerations_to_specific_force(record.readings, record.roll, gravity)
+            still = quaternion(0.0, 0.0, 0.0, 1.0), not_measured, vector(0.0, 0.0, 0.0), not_measured
+            for stamp, f in zip(stamps, felt.tolist(), strict=True):
+                write(stamp, bag.header(stamp, child_frame_id), *still, vector(*f), no_covariance)
+        else:
+            for stamp, (gap,) in zip(stamps, record.readings.tolist(), strict=True):
+                write(stamp, bag.header(stamp, sensor), 1, 0.0, 0.0, 0.0, gap, 0.0)
 
 
 def _write_messages(
@@ -69,22 +120,10 @@ def _write_messages(
     frame_id: str,
     child_frame_id: str,
 ) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    geometry = {
-        name.rpartition("/")[2]: kind for name, kind in store.types.items() if name.startswith("geometry_msgs/")
-    }
+    bag = _Bag(writer, frame_id)
+    geometry, header, add = bag.geometry, bag.header, bag.add
     point, vector, quaternion = geometry["Point"], geometry["Vector3"], geometry["Quaternion"]
     no_covariance = np.zeros(36)
-
-    def header(stamp: int, frame: str = frame_id) -> Any:
-        time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 1_000_000_000))
-        return store.types["std_msgs/msg/Header"](time, frame)
-
-    def add(topic: str, msgtype: str) -> Callable[..., None]:
-        """Function that writes a message of this type, given its stamp and its fields."""
-        connection = writer.add_connection(topic, msgtype, typestore=store)
-        kind = store.types[msgtype]
-        return lambda stamp, *fields: writer.write(connection, stamp, store.serialize_cdr(kind(*fields), msgtype))
 
     write_pose, write_twist = add(TRUTH + "pose", TYPES["pose"]), add(TRUTH + "twist", TYPES["twist"])
     write_odometry = add(ODOMETRY, "nav_msgs/msg/Odometry")

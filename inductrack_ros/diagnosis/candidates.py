@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from ..core.effects import FORCES as TOTALS
-from ..core.effects import catalogue
+from ..core.effects import Effect, catalogue
 from ..estimation.fit import Fit
 from ..estimation.problem import Linearisation, Problem
 from ..estimation.structure import Structure
@@ -80,10 +80,28 @@ def first_order(problem: Problem, fit: Fit, responses: Sequence[RunResponse], wa
     """Standing of candidates other than waves; of one the data cannot see beside the fit's effects, no promise and no end of a deviation."""
     known = fit.structure.model.known_effects
     parameters = {name: known[name.partition(":")[0]].parameters for name in wanted}
-    columns = _columns_at_vanishing(problem, fit, [n for n in wanted if parameters[n]])
+    starts = {n: _starts(problem, known, n) for n in wanted}
+    columns = _columns_at_vanishing(problem, fit, [n for n in wanted if parameters[n] and starts[n] == ({},)])
+    columns |= {n: _change(problem, fit, n, starts[n][0]) for n in wanted if starts[n] != ({},)}
     columns |= {n: switch_columns(problem, fit, responses, n) for n in wanted if not parameters[n]}
     standing = {n: _standing(project, parts) or (0.0, np.inf) for n, parts in columns.items()}
-    return [Screened(Candidate(n, ({},), 1, len(parameters[n])), standing[n][0], parts, standing[n][1]) for n, parts in columns.items()]
+    return [Screened(Candidate(n, starts[n], 1, len(parameters[n])), standing[n][0], parts, standing[n][1]) for n, parts in columns.items()]
+
+
+def _starts(problem: Problem, known: Mapping[str, Effect], name: str) -> tuple[Mapping[str, float], ...]:
+    """Where a candidate's parameters may be sought: where it vanishes or, for some of sensors, as the readings say."""
+    base, _, channel = name.partition(":")
+    if not known[base].starts:
+        return ({},)
+    mine = problem.channels.index(channel)
+    return tuple(known[base].starts(np.concatenate([d.y[d.channel == mine] for d in problem.runs])))
+
+
+def _change(problem: Problem, fit: Fit, name: str, start: Mapping[str, float]) -> list[np.ndarray]:
+    """Change of the predictions over noise with an effect at a start, (m_i, 1) per run."""
+    structure, theta = fit.widened(name, start)
+    after = problem.residuals(structure, theta, fit.states)
+    return [np.nan_to_num(p.residual - r)[:, None] for p, r in zip(fit.linear, after, strict=True)]
 
 
 def visible(project: Projector, parts: Sequence[np.ndarray]) -> np.ndarray:

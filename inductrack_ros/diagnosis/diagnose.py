@@ -266,7 +266,7 @@ def _limits(search: Search, chosen: Trial) -> tuple[Limit, ...]:
     for s in search.screened(chosen):
         structure = chosen.fit.structure.plus(s.candidate.name, s.candidate.starts[0] if s.candidate.starts else {})
         first = len(chosen.fit.structure.free)
-        if len(structure.free) == first:
+        if len(structure.free) == first or s.candidate.starts[0] and s.candidate.name != WAVES:  # no size, or none near nothing
             continue
         declared, scale = structure.declarations[first], structure.scale[first]
         size = (np.sqrt(s.candidate.threshold(len(search.screened(chosen)))) + 1.28) * s.deviation

@@ -21,13 +21,14 @@ import functools
 import hashlib
 import importlib
 import inspect
-import os
 import pkgutil
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from ..errors import InputError, did_you_mean
 from ..parameters import Parameter
@@ -51,7 +52,8 @@ class Effect:
     function then returns, after what it adds or changes, the states' time derivatives. ``max_step`` (s) bounds the
     integration step while the effect is on, and a tenth of the parameter named by ``max_travel`` (m), over which the
     effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged`` or the ``pulses`` drive;
-    ``canonical`` picks one of the parameter sets that do the same;
+    ``canonical`` picks one of the parameter sets that do the same; ``starts`` says from what a sensor read (n,) where its
+    parameters may be sought, for an effect that shows to no order where it vanishes;
     ``of_sensor`` marks the effect of a sensor, ``of_channel`` one of one channel, used as ``name:channel``.
     """
 
@@ -66,6 +68,7 @@ class Effect:
     only: str = ""
     screened: bool = True
     canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None
+    starts: Callable[[np.ndarray], list[dict[str, float]]] | None = None
 
     @property
     def of_channel(self) -> bool:
@@ -104,6 +107,7 @@ def effect(
     only: str = "",
     screened: bool = True,
     canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None,
+    starts: Callable[[np.ndarray], list[dict[str, float]]] | None = None,
 ) -> Callable[[Callable], Effect]:
     """Declare the decorated function an effect that ``adds`` to forces or ``changes`` quantities of the equations.
 
@@ -132,7 +136,7 @@ def effect(
                 raise InputError(f"effect '{name}' declares {kind} '{unused[0]}' but its function does not take it")
         if max_travel and max_travel not in own:
             raise InputError(f"effect '{name}': max_travel = '{max_travel}' is not one of its parameters")
-        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened, canonical)
+        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened, canonical, starts)
 
     return declare
 
@@ -194,7 +198,7 @@ def use_shipped(files: Mapping[str, bytes]) -> None:
 def run_file(given: str | Path) -> types.ModuleType:
     """The module a user's file makes, its text in ``content``; one for each text, so that an edited file is a new module."""
     try:
-        path = Path(os.path.expanduser(given)).resolve()
+        path = Path(given).expanduser().resolve()
         content = _shipped[str(given)] if str(given) in _shipped else path.read_bytes()
     except (OSError, ValueError, RuntimeError) as error:
         problem = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({type(error).__name__})"

@@ -2,11 +2,20 @@
 
 import math
 
+import numpy as np
+
 from . import Parameter, effect
+
+
+def _piled_up(readings):
+    """Where the largest readings lie, half of the largest fiftieth on either side."""
+    size = np.sort(np.abs(readings))
+    return [{"limit": float(np.median(size[-max(len(size) // 50, 1) :]))}]
 
 
 @effect(
     changes="measured",
+    starts=_piled_up,
     screened=False,
     parameters={
         "limit": Parameter(
