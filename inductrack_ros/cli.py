@@ -10,16 +10,18 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .core.errors import InputError
 from .core.output_folder import output_folder
-from .progress import progress, say_notes
+from .progress import progress, say_findings, say_notes
+from .terminal import speak_to_any_terminal
 
 if TYPE_CHECKING:
+    from .checks import Finding
     from .core.model import Model
     from .data import Campaign
 
@@ -36,6 +38,7 @@ class Command:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
+    speak_to_any_terminal()
     arguments = _parser().parse_args(argv)
     who = f"inductrack {arguments.command.name}"
     try:
@@ -107,15 +110,53 @@ def _campaign_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
-    """The campaign and the model it is held against."""
-    from .data import load_campaign, usable
+def _read(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
+    """The campaign as it is read and the model it is held against."""
+    from .data import load_campaign
 
     campaign = load_campaign(arguments.campaign)
-    model = campaign.load_model(arguments.model, arguments.effects)
-    campaign = usable(campaign, model)
     say_notes(campaign.notes)
-    return campaign, model
+    return campaign, campaign.load_model(arguments.model, arguments.effects)
+
+
+def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model, tuple[Finding, ...]]:
+    """The campaign without what a look at its data sets aside, the model, and what the look found, which is said.
+
+    Raises `InputError` where the data cannot be meant as they are written, before any physics is named.
+    """
+    from .checks import admit
+
+    campaign, model = _read(arguments)
+    campaign, findings = admit(campaign, model)
+    say_findings(findings)
+    return campaign, model, findings
+
+
+# ---------------------------------------------------------------- check
+
+
+def _check_arguments(parser: argparse.ArgumentParser) -> None:
+    _campaign_arguments(parser)
+    parser.epilog = (
+        "Clocks, single samples, sensors, noise, and whether the channels fit each other and the model's motion. Prints one\n"
+        "line for each finding, worst first; what cannot be so stops compare and diagnose, what is left out they leave out.\n"
+        "Writes check.json and report.html. The exit status is 0 whatever is found."
+    )
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    campaign, model = _read(arguments)
+    with output_folder(arguments.output, campaign.folder) as folder:
+        from .checks.check import check, write_check
+        from .reports.check_report import check_report, verdict
+
+        result = check(campaign, model)
+        write_check(result, folder)
+        (folder / "report.html").write_text(check_report(result), encoding="utf-8")
+    print(verdict(result))
+    for finding in result.findings:
+        print(finding.said)
+    print(f"{Path(arguments.output) / 'report.html'}")
 
 
 # ---------------------------------------------------------------- compare
@@ -130,7 +171,7 @@ def _compare_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _compare(arguments: argparse.Namespace) -> None:
-    campaign, model = _load(arguments)
+    campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
         from .compare import compare
         from .comparison.files import write_results
@@ -138,7 +179,7 @@ def _compare(arguments: argparse.Namespace) -> None:
 
         with progress() as tell:
             tell(f"predicting {len(campaign.runs)} runs from their start, and from anew every 0.2 s")
-            result = compare(campaign, model)
+            result = replace(compare(campaign, model), findings=findings)
         write_results(result, folder)
         (folder / "report.html").write_text(compare_report(result), encoding="utf-8")
     print(verdict(result))
@@ -160,14 +201,14 @@ def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _diagnose(arguments: argparse.Namespace) -> None:
-    campaign, model = _load(arguments)
+    campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
         from .diagnosis.diagnose import diagnose
         from .reports.diagnosis_report import diagnosis_report, verdict
         from .workers import workers
 
         with progress() as tell, workers(arguments.scheduler) as hands:
-            result = diagnose(campaign, model, tell, hands)
+            result = replace(diagnose(campaign, model, tell, hands), findings=findings)
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result, notes=campaign.notes), encoding="utf-8")
     print(verdict(result))
@@ -193,13 +234,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add(arguments: argparse.Namespace) -> None:
-    campaign, model = _load(arguments)
+    campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
         from .diagnosis.add import add_effect
         from .reports.diagnosis_report import addition, diagnosis_report
 
         with progress() as tell:
-            result = add_effect(campaign, model, arguments.effect, tell)
+            result = replace(add_effect(campaign, model, arguments.effect, tell), findings=findings)
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result, addition(result), campaign.notes), encoding="utf-8")
     print(addition(result))
@@ -223,6 +264,7 @@ def _delivered(module: str) -> tuple[Callable[[argparse.ArgumentParser], None], 
 
 COMMANDS = (
     Command("simulate", "simulate a run or a campaign, as it is or as sensors measure it, without ROS", *_delivered(".simulate_command")),
+    Command("check", "look at a campaign's data before any fit: clocks, units, signs, bad samples, noise", _check_arguments, _check),
     Command("compare", "show where a model fails to predict a campaign's measurements", _compare_arguments, _compare),
     Command("diagnose", "find out which effect a model misses, if any", _diagnose_arguments, _diagnose),
     Command("add", "add one effect by hand, refit, and show how far the error falls", _add_arguments, _add),

@@ -191,9 +191,11 @@ def _first_noise(campaign: Campaign) -> dict[str, float]:
             np.fmax(guess[channel], _resolution(campaign, channel))
         )
         if not levels[channel] > 0.0:
+            readings = np.concatenate([run.samples(channel)[1] for run in campaign.runs if channel in run.channels])
+            why = "never changes from sample to sample" if readings.size > 2 else f"has {readings.size} samples"
             raise InputError(
-                f"{campaign.folder}: the noise of {channel} cannot be estimated (too few samples, or none at all); "
-                f"give noise_std: {{{channel}: …}} in campaign.yaml"
+                f"{campaign.folder}: {channel} {why}, so its noise cannot be estimated; "
+                f"give noise_std: {{{channel}: …}} in campaign.yaml, or leave the channel out"
             )
     return levels
 

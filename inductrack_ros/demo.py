@@ -44,7 +44,7 @@ def main() -> int:
 def record(folder: Path) -> str:
     """Record a run of simulator and controller; says in a line what it shows."""
     folder.mkdir()
-    with claim_domain(), (folder / "nodes.log").open("w") as log:
+    with claim_domain(), (folder / "nodes.log").open("w", encoding="utf-8") as log:
         nodes = [
             node("record", log, "--output", folder / "bag", "--duration", SECONDS),
             node("track_controller", log, "--ros-args", "-p", "mode:=speed", *LOCKSTEP),

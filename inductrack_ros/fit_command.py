@@ -72,11 +72,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Fit; writes ``report.html``, ``fit.json`` and ``model.yaml``."""
+    from .checks import admit
     from .core.plain_json import file_text
-    from .data import load_campaign, usable
+    from .data import load_campaign
     from .estimation.identify import Identification, verdict
     from .estimation.misfits import DURATION, JointMisfit, SeriesMisfit, TravelMisfit, read_travels
-    from .progress import progress, say_notes
+    from .progress import progress, say_findings, say_notes
     from .reports.fit_report import FitReport, render, results
 
     table, folder = _data(arguments)
@@ -84,9 +85,10 @@ def run(arguments: argparse.Namespace) -> None:
     campaign = load_campaign(folder) if folder else None
     with output_folder(arguments.output, campaign and campaign.folder) as written:
         free, model = _model(arguments, campaign)
-        campaign = campaign and usable(campaign, model)
+        campaign, findings = admit(campaign, model) if campaign else (None, ())
         notes = campaign.notes if campaign else ()
         say_notes(notes)
+        say_findings(findings)
         travel = TravelMisfit(model, free, travels) if travels is not None else None
         series = SeriesMisfit(campaign, model, free) if campaign is not None else None
         parts = [p for p in (travel, series) if p is not None]

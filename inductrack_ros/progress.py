@@ -7,12 +7,22 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .checks import Finding
 
 
 def say_notes(notes: Iterable[str]) -> None:
     """Print what was converted or left out while the data were read, one line each, before any result."""
     for note in notes:
         print(note, file=sys.stderr, flush=True)
+
+
+def say_findings(findings: Iterable[Finding]) -> None:
+    """Print what a look at the data found, one line each, worst first, before any result."""
+    for finding in findings:
+        print(finding.said, file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from inductrack_ros.core import compiled, kernel
+from inductrack_ros.core import cache, compiled, kernel
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 
@@ -57,12 +57,12 @@ def test_a_temporary_folder_of_somebody_else_is_not_used(tmp_path, monkeypatch):
     monkeypatch.delenv("INDUCTRACK_CACHE", raising=False)
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))  # no folder can be made there
-    monkeypatch.setattr(compiled.tempfile, "gettempdir", lambda: str(tmp_path))
-    mine = compiled.cache_folder()
+    monkeypatch.setattr(cache.tempfile, "gettempdir", lambda: str(tmp_path))
+    mine = cache.cache_folder()
     assert mine.parent == tmp_path
     assert mine.stat().st_mode & 0o077 == 0
     user = os.getuid()
     mine.rename(tmp_path / f"inductrack_ros-{user + 1}")
     monkeypatch.setattr(os, "getuid", lambda: user + 1)  # now it is another's
     with pytest.raises(InputError, match="no folder to keep compiled code in"):
-        compiled.cache_folder()
+        cache.cache_folder()

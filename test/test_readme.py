@@ -1,4 +1,4 @@
-"""README.md says what the code does: its tables are the code's, its commands exist, its links lead somewhere."""
+"""What README.md and docs/ say is true: tables are the code's, commands exist, links lead somewhere."""
 
 from __future__ import annotations
 
@@ -22,8 +22,11 @@ from inductrack_ros.nodes.sim import OWN
 from inductrack_ros.nodes.track_controller import DECLARED
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```(\w*)\n(.*?)```", README, re.DOTALL)
+README, USAGE, INSTALLATION, INTERFACES = (
+    (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/usage.md", "docs/installation.md", "docs/interfaces.md")
+)
+BLOCKS = re.findall(r"```(\w*)\n(.*?)```", README + USAGE + INSTALLATION, re.DOTALL)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 #: Programs that are not ours and take nothing of ours.
 FOREIGN = {"sudo", "pip", "mkdir", "source", "export", "rosdep"}
 PARAMETERS = {
@@ -34,10 +37,11 @@ PARAMETERS = {
 
 
 def commands() -> list[list[str]]:
-    """Every command of the shell blocks as words, without remarks."""
+    """Every command of the shell blocks as words, without remarks, each once."""
     lines = "\n".join(text for kind, text in BLOCKS if kind == "sh").splitlines()
     parts = [re.split(r"\s+&&\s+", line) for line in lines]
-    return [words for part in parts for one in part if (words := shlex.split(one, comments=True))]
+    found = [shlex.split(one, comments=True) for part in parts for one in part]
+    return [list(words) for words in dict.fromkeys(map(tuple, found)) if words]
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +50,10 @@ def tables() -> str:
 
 
 def test_the_tables_are_what_the_command_prints(tables):
-    kept = re.search(r"<!-- interface tables: begin -->\n(.*)\n<!-- interface tables: end -->", README, re.DOTALL)[1]
-    wrong = "README.md is out of date: put between its markers what python -m inductrack_ros.nodes.interface_tables prints"
+    kept = re.search(r"<!-- interface tables: begin -->\n(.*)\n<!-- interface tables: end -->", INTERFACES, re.DOTALL)[1]
+    wrong = "docs/interfaces.md is out of date: put between its markers what python -m inductrack_ros.nodes.interface_tables prints"
     assert kept.strip() == tables, wrong
-    assert "python -m inductrack_ros.nodes.interface_tables" in README
+    assert "python -m inductrack_ros.nodes.interface_tables" in INTERFACES
 
 
 @pytest.mark.parametrize("words", commands(), ids=" ".join)
@@ -117,9 +121,24 @@ def check_ros2(words: list[str], tables: str) -> None:
         assert words[:3] == ["bag", "record", "--regex"] and words[3].startswith("/inductrack/")
 
 
-def test_every_link_leads_to_a_file():
-    for link in re.findall(r"\]\((?!https?:)([^)#]+)", README):
-        assert (ROOT / link).exists(), link
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_every_link_leads_to_a_file_and_a_heading(page):
+    for target in re.findall(r"\]\((?!https?:)([^)]+)\)", page.read_text(encoding="utf-8")):
+        file, _, heading = target.partition("#")
+        to = (page.parent / file) if file else page
+        assert to.exists(), target
+        if heading:
+            titles = re.findall(r"^#+ (.*)$", to.read_text(encoding="utf-8"), re.MULTILINE)
+            anchors = {re.sub(r"[^\w\- ]", "", t.lower()).replace(" ", "-") for t in titles}
+            assert heading in anchors, target
+
+
+def test_the_readme_is_short():
+    """A page and a half, with a picture, and every page of docs/ is one of those to read on."""
+    assert len(README.splitlines()) <= 90
+    (picture,) = re.findall(r"!\[[^]]+\]\(([^)]+)\)", README)
+    assert (ROOT / picture).read_bytes().startswith(b"\x89PNG")
+    assert {p.name for p in (ROOT / "docs").glob("*.md")} <= set(re.findall(r"\(docs/([\w.]+)\)", README))
 
 
 def test_the_campaign_that_it_writes_can_be_read(tmp_path):
@@ -150,10 +169,10 @@ def test_the_effect_on_the_page_works(tmp_path):
 
 
 def test_numbers_and_names_of_the_text():
-    assert f"which of {sum(e.screened for e in catalogue().values())} further" in " ".join(README.split())
+    assert f"says which of {sum(e.screened for e in catalogue().values())} further effects" in " ".join(README.split())
     needed = ast.parse((ROOT / "setup.py").read_text())
     keywords = {k.arg: k.value for n in ast.walk(needed) if isinstance(n, ast.Call) for k in n.keywords}
-    rows = README.partition("## Dependencies")[2].partition("\n## ")[0]
+    rows = INSTALLATION.partition("## What it depends on")[2].partition("\n## ")[0]
     for name in [*ast.literal_eval(keywords["install_requires"]), *ast.literal_eval(keywords["extras_require"])]:
         assert f"`{re.split('[<>=]', name)[0]}`" in rows, name
 

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture(scope="module")
 def types() -> dict[str, str]:
-    """Message type of every topic, as the README's table has it; groups (`gap_*`) by their first part."""
+    """Message type of every topic, as docs/interfaces.md has it; groups (`gap_*`) by their first part."""
     return {t: kind for t, kind in re.findall(r"^\| `([^`]+)` \| (\w+/\w+) \|", interface_tables.text(), re.MULTILINE)}
 
 

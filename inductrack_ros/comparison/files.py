@@ -4,6 +4,7 @@
 
     {"campaign": "rig-2026-10",
      "model": {"effects": ["aerodynamic_drag"], "parameters": {"eta": 0.7295, …}},
+     "findings": [{"kind": "outliers", "channel": "sway", "count": 31, …}],      // as in check.json
      "notes": ["run_00: …"],      // what was converted or left out while reading
      "noise_std": {"heave": {"value": 3e-05, "given": true}, …},
      "error_over_noise": 41.2,       // RMS of (measured − predicted) / noise over all samples; 1 is a perfect model
@@ -52,6 +53,7 @@ def to_json(result: Comparison) -> dict[str, Any]:
                 "effects": list(result.model.effects),
                 "parameters": {k: v for k, v in result.model.to_mapping().items() if isinstance(v, (int, float))},
             },
+            "findings": [f.to_json() for f in result.findings],
             "notes": list(result.campaign.notes),
             "noise_std": {c: {"value": s, "given": c in result.noise_given} for c, s in result.noise.items()},
             "error_over_noise": result.error,

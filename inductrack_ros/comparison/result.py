@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..checks import Finding
 from ..core.model import Model
 from ..data import Campaign, Run
 from ..data.measurement import Array
@@ -76,7 +77,7 @@ class Stretch:
 @dataclass(frozen=True)
 class Comparison:
     """What `compare` found; ``noise`` by channel in SI, ``noise_given`` the channels whose noise was stated;
-    ``outstanding`` is where most goes wrong."""
+    ``outstanding`` is where most goes wrong, ``findings`` are those of the look at the data before."""
 
     campaign: Campaign
     model: Model
@@ -85,6 +86,7 @@ class Comparison:
     runs: tuple[RunComparison, ...]
     stretches: tuple[Stretch, ...]
     outstanding: Outstanding | None = None
+    findings: tuple[Finding, ...] = ()
 
     @property
     def channels(self) -> tuple[str, ...]:

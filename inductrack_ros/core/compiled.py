@@ -15,7 +15,6 @@ import platform
 import re
 import shutil
 import sys
-import tempfile
 import time
 import types
 from collections.abc import Callable, Sequence
@@ -25,6 +24,7 @@ import numba
 import numpy as np
 
 from . import effects as effects_package
+from .cache import cache_folder
 from .effects import Effect
 from .errors import InputError
 
@@ -60,7 +60,7 @@ def load(
     if fresh:  # written aside and renamed, for two processes may start at once
         folder.mkdir(exist_ok=True)
         aside = folder / f"kernel.{os.getpid()}.tmp"
-        aside.write_text(text)
+        aside.write_text(text, encoding="utf-8")
         os.replace(aside, path)
         prune(folder.parent)
     name = f"inductrack_kernel_{key}"
@@ -165,26 +165,6 @@ def mark(text: str, options: str, *names: str) -> str:
     for name in names:
         text = text.replace(f"\ndef {name}(", f"\n@njit(nogil=True, error_model='numpy', {options})\ndef {name}(", 1)
     return text
-
-
-def cache_folder() -> Path:
-    """Where compiled kernels are kept: ``$INDUCTRACK_CACHE``, else the user's cache folder, else a temporary one."""
-    temporary = Path(tempfile.gettempdir()) / f"inductrack_ros-{os.getuid()}"
-    for folder in (
-        os.environ.get("INDUCTRACK_CACHE"),
-        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "inductrack_ros",
-        temporary,
-    ):
-        if folder:
-            try:
-                Path(folder).mkdir(0o700, parents=True, exist_ok=True)
-                if folder == temporary and (folder.is_symlink() or folder.stat().st_uid != os.getuid()):
-                    continue  # anybody may make a folder there, and what is in it would be run
-                with tempfile.TemporaryFile(dir=folder):
-                    return Path(folder)
-            except OSError:
-                continue
-    raise InputError("no folder to keep compiled code in; set INDUCTRACK_CACHE to one that can be written")
 
 
 def prune(folder: Path) -> None:

@@ -7,7 +7,6 @@ from .campaign import Campaign, load_campaign
 from .csv_files import read_csv
 from .csv_writing import write_csv, write_prediction
 from .measurement import Run
-from .usable import usable
 
 __all__ = [
     "Campaign",
@@ -16,7 +15,6 @@ __all__ = [
     "load_campaign",
     "read_bag",
     "read_csv",
-    "usable",
     "write_bag",
     "write_csv",
     "write_prediction",

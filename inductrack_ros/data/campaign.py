@@ -181,7 +181,8 @@ def _name(mapping: _Section, folder: Path) -> str:
     value = mapping.get("name")
     if isinstance(value, (Lines, list)):
         raise mapping.error("name", f"name must be text, not {_shown(value)}")
-    return folder.resolve().name if value is None else str(value)
+    name = folder.resolve().name if value is None else str(value)
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # a folder may have any bytes for its name
 
 
 def _topics(mapping: _Section) -> dict[str, str | None]:

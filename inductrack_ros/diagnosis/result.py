@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import Finding
 from ..core.model import Model
 from ..core.plain_json import file_text, plain
 
@@ -158,6 +159,7 @@ class Diagnosis:
     noise: Mapping[str, float] = field(default_factory=dict)
     noise_given: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     tests: tuple[Any, ...] = ()
     p_value: float = 1.0
     traces: tuple[RunTraces, ...] = ()
@@ -191,6 +193,7 @@ class Diagnosis:
                     for s in self.steps
                 ],
                 "proposal": None if self.proposal is None else self.proposal.to_json(),
+                "findings": [f.to_json() for f in self.findings],
                 "notes": list(self.notes),
                 "p_value": self.p_value,
                 "noise_std": {c: {"value": v, "given": c in self.noise_given} for c, v in self.noise.items()},

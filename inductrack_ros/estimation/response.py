@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 
+from ..core.cache import compiled_once
 from ..core.kernel import QUANTITIES
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, STATES
 
@@ -21,7 +21,7 @@ VARIABLES = (*STATES, "time", "drive")
 STATE_STEPS = np.array([3e-7, 3e-8, 3e-8, 3e-7, 3e-6, 3e-7, 3e-7, 3e-6])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled_once
 def _propagate(transitions, a, half):
     """δs_{k+1} = Φ_k (δs_k + h/2 a_k) + h/2 a_{k+1}: trapezoid of the kicks, (n, 8, l) from accelerations (n, 4, l)."""
     n, _, width = a.shape

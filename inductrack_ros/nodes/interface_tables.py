@@ -1,6 +1,6 @@
 """The nodes' topics, services and parameters as tables: ``python -m inductrack_ros.nodes.interface_tables``.
 
-Topics and services are asked of the running nodes, parameters of their declarations; README.md holds what is printed.
+Topics and services are asked of the running nodes, parameters of their declarations; docs/interfaces.md holds what is printed.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def text() -> str:
             + ", ".join(f"`{s}`" for s in rig.SENSORS)
             + "; CHANNEL what they deliver.\n\n"
             + _sensors(),
-            "The model's, of `sim` as well; those of effects are in [docs/effects.md](docs/effects.md), `EFFECT.PARAMETER`, all *\n\n"
+            "The model's, of `sim` as well; those of effects are in [effects.md](effects.md), `EFFECT.PARAMETER`, all *\n\n"
             + _parameters(model, SIM_LIVE),
             "**Parameters of `track_controller`**; "
             + ", ".join(f"`{n}`" for n in shared)

@@ -9,12 +9,14 @@ import sys
 import traceback
 from importlib import import_module
 
+from ..terminal import speak_to_any_terminal
 from .ending import STOP, leave
 
 
 def _run(module: str) -> None:
     """Run the node of this name; the process ends with its status."""
     STOP.listen()
+    speak_to_any_terminal()
     try:
         status = _main(module)
     except SystemExit as error:  # of the options' parser, which has said why
@@ -28,7 +30,7 @@ def _run(module: str) -> None:
 def _main(module: str) -> int:
     node = import_module(f".{module}", __package__)
     if {"-h", "--help"} & set(sys.argv[1:]) and not hasattr(node, "parse"):  # others have options of their own, and help for them
-        print(f"{node.__doc__}\n\nParameters: ros2 param describe, or README.md; set them with --ros-args -p NAME:=VALUE or --params-file FILE.")
+        print(f"{node.__doc__}\n\nParameters: ros2 param describe, or docs/interfaces.md; set them with --ros-args -p NAME:=VALUE or --params-file FILE.")
         return 0
     return node.main(sys.argv)
 

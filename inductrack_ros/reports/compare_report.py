@@ -45,6 +45,7 @@ def compare_report(result: Comparison) -> str:
         tone="good" if result.error <= NOISE_ALONE else "warn" if result.error <= PLAINLY else "bad",
         lead=_lead(result),
         notes=result.campaign.notes,
+        findings=result.findings,
     )
     page.picture(
         page.figure(_matrix(result), "RMS of measured minus predicted, over the sensor's noise. 1 is a perfect model.")

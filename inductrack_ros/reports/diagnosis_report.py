@@ -49,6 +49,7 @@ def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str]
         tone=TONES[result.verdict],
         lead=_lead(result),
         notes=notes,
+        findings=result.findings,
     )
     page.picture(_picture(page, result))
     if result.indistinguishable or result.next_experiment:
@@ -226,7 +227,7 @@ def _steps_figure(result: Diagnosis) -> Figure:
 def _step_name(step: Step, before: Step | None) -> str:
     new = [e for e in step.effects if before is None or e not in before.effects]
     if before is None:
-        return "the model as given" if not new else listed([effect_name(e) for e in new])
+        return "the model, refitted" if not new else listed([effect_name(e) for e in new])
     return "+ " + listed([effect_name(e) for e in new])
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..checks import CALLED, IMPOSSIBLE, NOTE, SET_ASIDE, WARNING, Finding
 from ..core.plain_json import script_text
 
 
@@ -37,6 +38,7 @@ class Figure:
 class Page:
     """A report under construction: ``kind`` and ``title`` over the ``verdict``, one sentence, and ``lead``, HTML.
 
+    ``findings`` are what a look at the data found, said over the lead;
     ``notes`` are what was converted or left out while the data were read, plain text, one line each.
     """
 
@@ -46,6 +48,7 @@ class Page:
     tone: str = "neutral"
     lead: str = ""
     notes: Sequence[str] = ()
+    findings: Sequence[Finding] = ()
     foot: str = ""
     _figures: list[Figure] = field(default_factory=list)
     _parts: list[str] = field(default_factory=list)
@@ -102,7 +105,7 @@ class Page:
 <div class="words">
 <p class="kind">{escape(self.kind)} · {escape(self.title)}</p>
 <h1>{escape(self.verdict)}</h1>
-{self.lead}
+{_found(self.findings)}{self.lead}
 {_notes(self.notes)}</div>
 <div class="picture">{self._picture}</div>
 </header>
@@ -151,6 +154,30 @@ def table(
 def folded(summary: str, html: str) -> str:
     """HTML that opens on demand (and in print)."""
     return f"<details><summary>{escape(summary)}</summary>{html}</details>"
+
+
+#: Findings in the head of a page before the rest is folded away.
+SAID = 3
+_STYLES = {IMPOSSIBLE: "bad-word", SET_ASIDE: "warn-word", WARNING: "warn-word", NOTE: "soft"}
+
+
+def severity_word(finding: Finding) -> str:
+    """A finding's severity as HTML."""
+    return f'<span class="{_STYLES[finding.severity]}">{CALLED[finding.severity].capitalize()}</span>'
+
+
+def findings_list(findings: Sequence[Finding]) -> str:
+    """HTML list of findings, in the order given."""
+    return "<ul>" + "".join(f"<li>{severity_word(f)}: {text(f.line)}.</li>" for f in findings) + "</ul>"
+
+
+def _found(findings: Sequence[Finding]) -> str:
+    """Findings in the head of a page, the first few in sight."""
+    if not findings:
+        return ""
+    rest = findings[SAID:]
+    more = folded(f"{len(rest)} more about the data", findings_list(rest)) if rest else ""
+    return f'<div class="findings">{findings_list(findings[:SAID])}{more}</div>\n'
 
 
 def _notes(notes: Sequence[str]) -> str:

@@ -21,6 +21,7 @@ import functools
 import hashlib
 import importlib
 import inspect
+import os
 import pkgutil
 import sys
 import types
@@ -198,7 +199,7 @@ def use_shipped(files: Mapping[str, bytes]) -> None:
 def run_file(given: str | Path) -> types.ModuleType:
     """The module a user's file makes, its text in ``content``; one for each text, so that an edited file is a new module."""
     try:
-        path = Path(given).expanduser().resolve()
+        path = Path(os.path.expanduser(given)).resolve()
         content = _shipped[str(given)] if str(given) in _shipped else path.read_bytes()
     except (OSError, ValueError, RuntimeError) as error:
         problem = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({type(error).__name__})"

@@ -4,9 +4,9 @@ A diagnosis that finds a misfit no effect explains puts one of these in the mode
 the physics is sought. They explain nothing, and they are not in the ranking.
 """
 
-import numba
 import numpy as np
 
+from ..cache import compiled_once
 from ..state import COORDINATES
 from . import Parameter, effect
 
@@ -53,7 +53,7 @@ def curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate,
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled_once
 def basis(values, start, step, count):
     """The curve's basis functions at ``values`` (n,), as (n, count); none where a value is not a number."""
     out = np.zeros((values.size, count))

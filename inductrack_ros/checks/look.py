@@ -1,0 +1,99 @@
+"""The whole look: every kind of finding about a campaign, and the campaign without what they set aside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..core.errors import InputError
+from ..core.model import Model
+from ..data import Campaign, Run
+from .clocks import clocks
+from .excitation import excitation, too_few
+from .finding import SET_ASIDE, Finding, impossible, worst_first
+from .jitter import jitter
+from .noise import noises
+from .noise_found import channels_of
+from .outliers import fillers, outliers
+from .pairs import pairs
+from .readings import readings
+from .sensors import sensors
+
+
+def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
+    """Every finding about a campaign, worst first. Linear in the samples; no fit.
+
+    With a model its geometry and forces tell units and signs that the channels alone do not. What is set aside by one look the later
+    ones do not see.
+    """
+    found = clocks(campaign)
+    campaign = set_aside(campaign, found)
+    found += (fill := fillers(campaign))
+    campaign = set_aside(campaign, fill)
+    channels = channels_of(campaign)
+    found += (off := [*outliers(campaign, channels), *sensors(campaign, channels)])
+    campaign = set_aside(campaign, off)
+    found += too_few(campaign, model)
+    noise, late = noises(campaign, channels), jitter(campaign, channels)
+    found += noise + late
+    found += pairs(campaign, channels) + excitation(campaign, channels)
+    if model is not None and not any(f.kind in ("clock_jump", "hole", "time_unit") for f in impossible(found)):
+        found += readings(campaign, channels, model)
+    return worst_first(_causes_only(found))
+
+
+def set_aside(campaign: Campaign, findings: list[Finding] | tuple[Finding, ...]) -> Campaign:
+    """The campaign without the samples and runs that the findings leave out, and with the noise that coarse readings have."""
+    left_out = [f for f in findings if f.severity == SET_ASIDE]
+    gone = {f.run for f in left_out if f.kind == "too_few_samples"}
+    runs = tuple(_without(run, left_out) for run in campaign.runs if run.name not in gone)
+    noise = {f.channel: f.size["noise"] for f in findings if f.kind == "quantised" and "noise" in f.size and f.channel in campaign.noise_std}
+    return replace(campaign, runs=runs, noise_std={**campaign.noise_std, **noise})
+
+
+def admit(campaign: Campaign, model: Model) -> tuple[Campaign, tuple[Finding, ...]]:
+    """The campaign as it may be held against a model, and all findings. Raises `InputError` where the data cannot be meant as they are written."""
+    findings = look(campaign, model)
+    if wrong := impossible(findings):
+        more = f" ({len(wrong) - 1} more: `inductrack check {campaign.folder} --output DIR` shows all)" if len(wrong) > 1 else ""
+        raise InputError(f"{campaign.folder}: {wrong[0].line}{more}")
+    return set_aside(campaign, findings), findings
+
+
+def _without(run: Run, findings: list[Finding]) -> Run:
+    """A run without what findings leave out of it: cells where they name a channel, else whole samples."""
+    mine = [f for f in findings if run.name in f.samples]
+    if not mine:
+        return run
+    values = run.values.copy()
+    kept = np.ones(len(run.times), bool)
+    for finding in mine:
+        rows = list(finding.samples[run.name])
+        if finding.channel is None:
+            kept[rows] = False
+        elif finding.channel in run.channels:
+            values[rows, run.channels.index(finding.channel)] = np.nan
+    start = run.times[kept][0]
+    pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
+    return replace(run, values=values[kept], times=run.times[kept] - start, stamps=run.stamps[kept], pulses=pulses)
+
+
+def _causes_only(findings: list[Finding]) -> list[Finding]:
+    """Without findings that another one explains: a wrong unit makes the noise differ and the rates not fit."""
+    units = {f.channel for f in findings if f.kind in ("unit", "zero") and "slope" not in f.size}
+    flipped = {c for f in findings if f.kind == "axis_flipped" for c in f.size.get("candidates", ())}
+    time = any(f.kind == "time_unit" for f in findings)
+    late = any(f.kind == "time_jitter" for f in findings)
+    kept = []
+    for f in findings:
+        whole = f.size.get("of", f.channel)
+        explained = (
+            (f.kind == "noise_differs" and (f.channel in units or (late and f.channel == "surge" and f.size["ratio"] > 1)))
+            or (f.kind == "unit" and "slope" in f.size and (time or whole in units or f.channel in units))
+            or (f.kind == "sign" and whole in flipped)
+            or (f.kind in ("offset", "hum", "coloured_noise") and (time or whole in units))
+        )
+        if not explained:
+            kept.append(f)
+    return kept

@@ -1,0 +1,53 @@
+"""The noise: as stated or not, white or coloured, with a hum in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..core.state import UNITS
+from ..data import Campaign
+from . import levels, spectrum
+from .finding import IMPOSSIBLE, WARNING, Finding, number
+from .noise_found import Channel
+
+#: What a factor between stated and found noise may come from.
+FACTORS = ((1e3, "thousandths (mm, mrad, mm/s) instead of SI"), (180.0 / np.pi, "degrees instead of radians"), (100.0, "cm instead of m"), (1e6, "millionths instead of SI"))
+
+
+def noises(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Findings about every channel's noise."""
+    findings: list[Finding] = []
+    for channel, about in channels.items():
+        spectral = spectrum.look(campaign, channel, about)
+        findings += spectral
+        stated = campaign.noise_std.get(channel)
+        if stated and about.noise > 0.0 and not any(f.kind == "coloured_noise" for f in spectral):
+            findings += _differs(channel, stated, about)
+    return findings
+
+
+def _differs(channel: str, stated: float, about: Channel) -> list[Finding]:
+    found = max(about.noise, about.step / np.sqrt(12.0)) if about.step else about.noise
+    ratio = found / stated
+    if ratio > 1.0 and not about.resolved:  # what is found is motion between the samples as well
+        return []
+    size = {"ratio": ratio, "found": found, "stated": stated}
+    unit = UNITS[channel]
+    text = f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} times the noise_std of {number(stated)} {unit} that campaign.yaml states"
+    if not 1 / levels.NOISE_IMPOSSIBLE < ratio < levels.NOISE_IMPOSSIBLE:
+        hint = meant(ratio, FACTORS)
+        remedy = f"noise_std is in SI units{f'; was it, or the data, written in {hint}?' if hint else '; correct it, or leave it out to have it estimated'}"
+        return [Finding("noise_differs", IMPOSSIBLE, text, remedy, channel, size=size)]
+    if 1 / levels.NOISE_DIFFERS < ratio < levels.NOISE_DIFFERS or about.step:
+        return []
+    return [Finding("noise_differs", WARNING, text, f"correct noise_std: {{{channel}: …}}, or leave it out to have it estimated", channel, size=size)]
+
+
+def meant(ratio: float, factors: tuple[tuple[float, str], ...]) -> str:
+    """The unit that a ratio near one of the factors, or its inverse, comes from; empty for none."""
+    for factor, name in factors:
+        if abs(abs(np.log(ratio)) - np.log(factor)) < np.log(levels.NEAR):
+            return name
+    return ""

@@ -1,0 +1,161 @@
+"""Samples that are none of their channel's: fillers written where nothing was measured, spikes, a single bad cell."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.state import ACCELERATIONS, RATES
+from ..data import Campaign, Run
+from ..data.measurement import Array
+from . import levels
+from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, number, place, quantity
+from .local import MARGIN, blocks, predictions
+from .noise_found import Channel
+
+#: Times that the search is done again without what was found, so that neighbours of a bad sample are seen too.
+ROUNDS = 4
+
+Rows = dict[str, NDArray[np.intp]]
+
+
+def fillers(campaign: Campaign) -> list[Finding]:
+    """Values that no channel takes by itself: well-known fillers, and what lies far outside of all the rest."""
+    findings = []
+    for channel in campaign.channels:
+        rows, seen = _absurd(campaign, channel)
+        if rows:
+            findings.append(_filler(campaign, channel, rows, seen))
+    return findings
+
+
+def outliers(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Samples that leave what their neighbours on both sides agree on."""
+    findings = []
+    threshold = levels.sigmas(sum(c.count for c in channels.values()))
+    for channel, about in channels.items():
+        if channel in ACCELERATIONS:  # an impact is a spike there
+            continue
+        rows: Rows = {}
+        sizes = []
+        for run in campaign.runs:
+            if channel in run.channels:
+                rows[run.name], off = _off(run, channel, about, threshold)
+                sizes.append(off)
+        rows = {name: numbers for name, numbers in rows.items() if len(numbers)}
+        if rows:
+            findings.append(_outlier(campaign, channel, rows, np.concatenate(sizes), about))
+    return findings
+
+
+# ---------------------------------------------------------------- fillers
+
+
+def _absurd(campaign: Campaign, channel: str) -> tuple[Rows, list[float]]:
+    """Sample numbers by run, and the values that stand there."""
+    runs = [run for run in campaign.runs if channel in run.channels]
+    parts = [run.samples(channel)[1] for run in runs]
+    usual = np.concatenate([y[:: max(len(y) // 20_000, 1)] for y in parts])
+    low, middle, high = np.quantile(usual, [0.05, 0.5, 0.95])
+    width = float(high - low)
+    rows: Rows = {}
+    values: list[float] = []
+    for run in runs:
+        column = run[channel]
+        with np.errstate(invalid="ignore", over="ignore"):
+            far = np.abs(column - middle) > levels.ABSURD * width
+            known = np.isin(column, levels.FILLERS) & (np.abs(column - middle) > width)
+        mine = np.flatnonzero((far | known) & (width > 0))
+        if len(mine):
+            rows[run.name] = mine
+            values += column[mine].tolist()
+    return rows, values
+
+
+def _filler(campaign: Campaign, channel: str, rows: Rows, seen: list[float]) -> Finding:
+    value, times = Counter(seen).most_common(1)[0]
+    count, first = len(seen), _first(campaign, rows)
+    same = len(set(seen)) == 1
+    what = f"{number(value, 6)} {count} times" if same and count > 1 else number(value, 6) if count == 1 else f"{count} values such as {number(value, 6)}"
+    filler = times > 1 or value in levels.FILLERS
+    kind = "fillers" if filler else "outliers"
+    reads = "a filler for what was not measured" if filler else "far outside of all the rest"
+    total = sum(len(run.samples(channel)[1]) for run in campaign.runs if channel in run.channels)
+    return Finding(
+        kind,
+        SET_ASIDE,
+        f"{channel} is {what} (first in {first}), {reads}",
+        "leave such cells empty",
+        channel=channel,
+        samples=as_samples(rows),
+        size={"count": count, "share": count / total, "value": value},
+    )
+
+
+# ---------------------------------------------------------------- outliers
+
+
+def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDArray[np.intp], Array]:
+    """Sample numbers (in the run) that are off, and by how much."""
+    column = run[channel]
+    number_of = np.flatnonzero(~np.isnan(column))
+    least = max(levels.SMALLEST * about.spread, threshold * about.step / np.sqrt(12.0))
+    floors = np.maximum(threshold * np.array(about.by_reach), least)[:, None]
+    found: list[NDArray[np.intp]] = []
+    sizes: list[Array] = []
+    for _ in range(ROUNDS):
+        off, size = _leave(run.times[number_of], column[number_of], floors, steps=channel in RATES)
+        if not len(off):
+            break
+        found.append(number_of[off])
+        sizes.append(size)
+        number_of = np.delete(number_of, off)
+    if not found:
+        return np.empty(0, np.intp), np.empty(0)
+    rows, order = np.unique(np.concatenate(found), return_index=True)
+    return rows, np.concatenate(sizes)[order]
+
+
+def _leave(times: Array, values: Array, floors: Array, steps: bool) -> tuple[NDArray[np.intp], Array]:
+    """Numbers and sizes of the samples that each prediction misses by more than its floor, (p, 1), and all by `KINK` times what two of
+    the predictions differ by. ``steps``: an impact steps the channel, so that only what stands out to one side counts."""
+    numbers, sizes = [np.empty(0, np.intp)], [np.empty(0)]
+    for part in blocks(len(times)):
+        t, y = times[part], values[part]
+        predicted, _ = predictions(t, y)
+        inner = slice(MARGIN, len(y) - MARGIN)
+        away = y[inner] - predicted
+        least = np.abs(away).min(axis=0)
+        a, b, c = predicted
+        agree = np.minimum(np.minimum(np.abs(a - b), np.abs(a - c)), np.abs(b - c))
+        off = (np.abs(away) > floors).all(axis=0) & (least > levels.KINK * agree)
+        if steps:
+            around = np.stack([y[MARGIN + k : len(y) - MARGIN + k] for k in (-2, -1, 1, 2)])
+            off &= (y[inner] > around.max(axis=0) + floors[0]) | (y[inner] < around.min(axis=0) - floors[0])
+        mine = np.flatnonzero(off)
+        numbers.append(mine + MARGIN + part.start)
+        sizes.append(least[mine])
+    return np.concatenate(numbers), np.concatenate(sizes)
+
+
+def _outlier(campaign: Campaign, channel: str, rows: Rows, sizes: Array, about: Channel) -> Finding:
+    count = len(sizes)
+    share = count / about.count
+    size = {"count": count, "share": share, "largest": float(sizes.max())}
+    first = _first(campaign, rows)
+    if share > levels.MOST_SET_ASIDE:
+        text = f"{100 * share:.0f} % of {channel} jump away from their neighbours and back (first in {first})"
+        return Finding("outliers", IMPOSSIBLE, text, "look at the sensor and its cable, or leave the channel out", channel, samples=as_samples(rows), size=size)
+    if count == 1:
+        text = f"{channel} in {first} is off by {quantity(channel, sizes[0])} from what its neighbours say"
+    else:
+        text = f"{channel} has {count} outliers ({100 * share:.2g} %), off by up to {quantity(channel, sizes.max())} (first in {first})"
+    return Finding("outliers", SET_ASIDE, text, "", channel, samples=as_samples(rows), size=size)
+
+
+def _first(campaign: Campaign, rows: Rows) -> str:
+    run = next(r for r in campaign.runs if r.name in rows)
+    return place(run, int(rows[run.name][0]))

@@ -1,0 +1,152 @@
+"""Channels that are each other's derivative: a rate and its coordinate, an acceleration and either.
+
+Not derivatives but increments are compared, of the coordinate and of the rate's integral over the same stretch, so that noise is not blown up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import signal
+
+from ..core.state import ACCELERATIONS, COORDINATES, RATES
+from ..data import Campaign, Run
+from ..data.measurement import Array
+from . import levels
+from .finding import IMPOSSIBLE, WARNING, Finding, number
+from .noise import meant
+from .noise_found import Channel
+
+#: Slopes a unit that was not SI gives.
+FACTORS = ((1e3, "thousandths (mm, mrad, mm/s) instead of SI"), (180 / np.pi, "degrees instead of radians"), (3.6, "km/h instead of m/s"), (100.0, "cm instead of m"), (60.0, "per minute instead of per second"), (9.81, "g instead of m/s²"))
+#: Samples of each run that are looked at, and how many of them an increment spans: the span whose increments correlate best is taken.
+MOST, SPANS = 60_000, (1, 2, 4, 8, 16, 32)
+#: Increments that an answer needs.
+FEWEST = 20
+#: Increments whose mean is so many times their scatter are a steady motion: their means are compared.
+STEADY = 3.0
+#: A delay is said from this part of a step between samples on, and where it is this many standard deviations.
+DELAY, SURE = 0.5, 6.0
+#: Channels further apart than this many steps, alike once they are shifted to this correlation and not to the second before, have two clocks.
+FAR, SHIFTED, UNSHIFTED = 10, 0.95, 0.7
+
+
+def pairs(campaign: Campaign, channels: dict[str, Channel]) -> list[Finding]:
+    """Findings about rates and accelerations that are not the derivative of their coordinate."""
+    findings: list[Finding] = []
+    for k, coordinate in enumerate(COORDINATES):
+        rate, acceleration = RATES[k], ACCELERATIONS[k]
+        if {coordinate, rate} <= channels.keys():
+            findings += _pair(campaign, coordinate, rate, 1)
+        if {rate, acceleration} <= channels.keys():
+            findings += _pair(campaign, rate, acceleration, 1)
+        elif {coordinate, acceleration} <= channels.keys():
+            findings += _pair(campaign, coordinate, acceleration, 2)
+    return findings
+
+
+def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[Finding]:
+    """Findings about a channel and its ``order``-th derivative."""
+    runs = [r for r in campaign.runs if whole in r.channels and derivative in r.channels]
+    tried = [found for span in SPANS if (found := _increments(runs, whole, derivative, order, span)) is not None]
+    if not tried:
+        return []
+    a, b, late = max(tried, key=lambda f: abs(_correlation(f[0], f[1])))
+    correlation = _correlation(a, b)
+    if abs(correlation) < levels.ALIKE:
+        shift = _shift(runs, whole, derivative, order)
+        if shift is None:
+            return []
+        text = f"{derivative} and {whole} are {number(1e3 * abs(shift))} ms apart: the {'latter' if shift > 0 else 'former'} comes later"
+        step = float(np.median([np.median(np.diff(r.times)) for r in runs]))
+        severity = IMPOSSIBLE if abs(shift) > FAR * step else WARNING
+        return [Finding("offset", severity, text, "stamp both with one clock", derivative, size={"offset": shift})]
+    size_of = np.mean if abs(b.mean()) > STEADY * b.std() else np.std
+    slope = float(abs(size_of(a) / size_of(b)) * np.sign(correlation))
+    size = {"slope": slope, "of": whole}
+    what = "derivative" if order == 1 else "second derivative"
+    if slope < 0:
+        text = f"{derivative} runs against {whole}: its sign is not that of the {what}"
+        return [Finding("sign", IMPOSSIBLE, text, f"flip the sign of {derivative}, or of {whole}", derivative, size=size)]
+    if not 1 / levels.UNIT < slope < levels.UNIT:
+        hint = meant(slope, FACTORS)
+        text = f"{derivative} is {number(1 / slope)} times the {what} of {whole}"
+        remedy = f"all channels are in SI units; is one of the two in {hint}?" if hint else "all channels are in SI units; convert one of the two"
+        return [Finding("unit", IMPOSSIBLE, text, remedy, derivative, size=size)]
+    return _late(runs, whole, derivative, (a, b, late)) if order == 1 else []
+
+
+def _increments(runs: list[Run], whole: str, derivative: str, order: int, span: int) -> tuple[Array, Array, Array] | None:
+    """Increments over ``span`` samples: of the channel, of its derivative's integral, of the derivative; second differences for order 2."""
+    parts = []
+    for run in runs:
+        rows = np.flatnonzero(~np.isnan(run[whole]) & ~np.isnan(run[derivative]))[:MOST]
+        if len(rows) < 2 * order * span + 2:
+            continue
+        t, x, v = run.times[rows], run[whole][rows], run[derivative][rows]
+        integral = v
+        for _ in range(order):
+            integral = np.concatenate([[0.0], np.cumsum(0.5 * (integral[1:] + integral[:-1]) * np.diff(t))])
+        width = t[span:] - t[:-span]
+        even = width < 1.5 * np.median(width)  # nothing across a hole, where the integral is anyone's guess
+        d = [(y[span:] - y[:-span]) for y in (x, integral, v)]
+        if order == 2:
+            even = even[span:] & even[:-span] & (np.abs(width[span:] - width[:-span]) < 0.02 * width[span:])
+            d = [y[span:] - y[:-span] for y in d]
+        parts.append(np.stack(d)[:, even][:, :: max(span // 2, 1)])
+    table = np.concatenate(parts, axis=1) if parts else np.empty((3, 0))
+    if table.shape[1] < FEWEST:
+        return None
+    # Impacts, of which samples see too little, and what else is rare are left out.
+    size = np.abs(table[:2] - np.median(table[:2], axis=1, keepdims=True))
+    kept = (size <= 20 * np.quantile(size, 0.8, axis=1, keepdims=True) + 1e-300).all(axis=0)
+    return tuple(table[:, kept])
+
+
+def _correlation(a: Array, b: Array) -> float:
+    """Correlation of increments: about their means, or about zero where both are nearly steady."""
+    if len(a) and all(abs(y.mean()) > STEADY * y.std() > 0.0 for y in (a, b)):
+        return float(np.sign(a.mean() * b.mean()))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        central = float(np.mean((a - a.mean()) * (b - b.mean())) / (a.std() * b.std())) if len(a) else 0.0
+    return central if np.isfinite(central) else 0.0
+
+
+def _late(runs: list[Run], whole: str, derivative: str, increments: tuple[Array, Array, Array]) -> list[Finding]:
+    """A small delay between the two: what is left of the increments follows the derivative's own."""
+    a, b, late = increments
+    basis = np.stack([b, late], axis=1) - np.array([b.mean(), late.mean()])
+    answer, rest, rank, _ = np.linalg.lstsq(basis, a - a.mean(), rcond=None)
+    if rank < 2 or not len(rest):
+        return []
+    covariance = np.linalg.inv(basis.T @ basis) * float(rest[0]) / (len(a) - 3)
+    delay = float(answer[1])
+    step = float(np.median([np.median(np.diff(r.times)) for r in runs]))
+    if abs(delay) < DELAY * step or abs(delay) < SURE * np.sqrt(covariance[1, 1]):
+        return []
+    text = f"{derivative} is {number(1e3 * abs(delay))} ms {'later' if delay > 0 else 'earlier'} than {whole}"
+    return [Finding("offset", WARNING, text, "", derivative, size={"offset": delay})]
+
+
+def _shift(runs: list[Run], whole: str, derivative: str, order: int) -> float | None:
+    """Seconds by which the channel comes after its derivative says so, where that makes them alike; None where nothing does."""
+    best: list[tuple[float, float]] = []
+    for run in runs:
+        rows = np.flatnonzero(~np.isnan(run[whole]) & ~np.isnan(run[derivative]))[:MOST]
+        if len(rows) < 8 * FEWEST:
+            continue
+        t = np.linspace(run.times[rows[0]], run.times[rows[-1]], len(rows))
+        x, v = (np.interp(t, run.times[rows], run[c][rows]) for c in (whole, derivative))
+        for _ in range(order):
+            v = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+        x, v = signal.detrend(x), signal.detrend(v)
+        product = signal.correlate(x, v, method="fft")
+        lags = signal.correlation_lags(len(x), len(v))
+        near = np.abs(lags) < len(x) // 4
+        overlap = 1.0 - np.abs(lags) / len(x)
+        alike = product / (np.std(x) * np.std(v) * len(x) * overlap + 1e-300)
+        k = int(np.argmax(np.where(near, alike, -np.inf)))
+        best.append((float(alike[k]), float(lags[k] * (t[1] - t[0])), float(alike[len(x) - 1])))
+    if not best or min(b[0] for b in best) < SHIFTED or max(b[2] for b in best) > UNSHIFTED:
+        return None
+    shifts = [b[1] for b in best]
+    return float(np.median(shifts)) if np.ptp(shifts) < 0.2 * abs(np.median(shifts)) else None

@@ -1,0 +1,161 @@
+"""Data that do not belong to the model's motion as they are written: which unit, sign or clock would make them belong?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..core.model import Model
+from ..core.state import COORDINATES, GAPS
+from ..data import Campaign
+from . import levels
+from .balance import Reading, Windows, bad, misfits, stops, total, windows_of
+from .finding import IMPOSSIBLE, Finding, number, shared
+from .noise_found import Channel
+
+#: One thing wrong after the other is looked for, so many at most.
+MOST = 4
+#: A reading is better where it takes off this part of what does not belong.
+BETTER = 0.4
+#: Two readings are equally good where what they leave differs by less.
+TWINS = 0.1
+_LENGTH = ((1e-3, "mm"), (1e-2, "cm"))
+_ANGLE = ((np.pi / 180.0, "degrees"), (1e-3, "mrad"))
+_TIMES = ((1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+_CURRENTS = ((1e3, "kA"), (1e-3, "mA"))
+
+
+def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) -> list[Finding]:
+    """Findings about units, signs and clocks that the model's own motion gives away; nothing where no reading explains what is off."""
+    windows = windows_of(campaign, channels)
+    now, found = _by_range(channels, model, windows)
+    if windows is None or any(f.kind == "zero" for f in found):
+        return found or _backwards(campaign, model)
+    left = misfits(windows, model, now)
+    if not bad(left) and not found:
+        return _backwards(campaign, model)
+    for _ in range(MOST):
+        wrong = bad(left)
+        if not wrong:
+            break
+        tried = [(name, reading, misfits(windows, model, reading)) for name, reading in _others(now, windows)]
+        tried = [t for t in tried if _explains(left, t[2])]
+        if not tried:
+            break
+        among = left.keys() | {c for t in tried for c in t[2]}
+        best = min(tried, key=lambda t: total(t[2], among))
+        least = total(best[2], among)
+        alike = [t for t in tried if total(t[2], among) < least + TWINS]
+        found.append(_finding(campaign, wrong, alike, now))
+        now, left = best[1], best[2]
+    return found
+
+
+def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
+    """All runs going backwards, where nothing lifts or drives."""
+    runs = [run.samples("surge") for run in campaign.runs if "surge" in run.channels]
+    speeds = [(y[-1] - y[0]) / (t[-1] - t[0]) for t, y in runs if len(t) > 1]
+    if not stops(model) or not speeds or max(speeds) > -levels.MOVING:
+        return []
+    text = f"surge runs backwards in all runs, at up to {number(-min(speeds))} m/s, where nothing lifts or drives the cradle"
+    return [Finding("axis_flipped", IMPOSSIBLE, text, "change the sign of surge; it grows along the travel", "surge", size={"candidates": ["surge"]})]
+
+
+def _by_range(channels: Mapping[str, Channel], model: Model, windows: Windows | None) -> tuple[Reading, list[Finding]]:
+    """What is outside of the room the track leaves, by far: in another unit, or measured from another zero."""
+    now, found = Reading(), []
+    if not stops(model):
+        return now, found
+    for channel, room in _room(model).items():
+        about = channels.get(channel)
+        if about is None or abs(about.middle) + about.spread < levels.OUTSIDE * room:
+            continue
+        si = "rad" if channel == "roll" else "m"
+        text = f"{channel} is about {number(about.middle)} {si} and spans {number(about.spread)} {si}, where the track leaves it {number(room)} {si}"
+        size = {"middle": about.middle, "spread": about.spread, "room": room}
+        fits = [(f, unit) for f, unit in (_ANGLE if channel == "roll" else _LENGTH) if f * (abs(about.middle) + about.spread) < levels.OUTSIDE / 2 * room]
+        if about.spread < room or not fits:
+            remedy = "its zero is where all three gaps are the nominal gap: subtract what it reads there" if about.spread < room else "look at its unit"
+            found.append(Finding("zero" if about.spread < room else "unit", IMPOSSIBLE, text, remedy, channel, size=size))
+            continue
+        left = [0.0] if windows is None else [total(misfits(windows, model, now.times(channel, f)), windows.values) for f, _ in fits]
+        factor, unit = fits[int(np.argmin(left))]
+        found.append(_unit(channel, text, factor, unit, size))
+        now = now.times(channel, factor)
+    return now, found
+
+
+def _room(model: Model) -> dict[str, float]:
+    """How far from its zero the track lets each coordinate and gap go at most, about: the gaps of the three arrays stay positive."""
+    gap = model.parameters["nominal_gap"]
+    root = np.sqrt(2.0)
+    aside = (1 + root) * gap
+    lever = np.sqrt(0.5) * max(model.parameters["magnet_side_offset"], 1e-3)
+    return {"heave": root * gap, "sway": aside, "roll": aside / lever, **dict.fromkeys(GAPS, (1 + root) * gap)}
+
+
+def _unit(channel: str, text: str, factor: float, unit: str, size: Mapping[str, float]) -> Finding:
+    si = "rad" if channel == "roll" else "m"
+    short = {"degrees": "deg"}.get(unit, unit)
+    remedy = f"it seems to be in {unit}; {channel} is in {si}: multiply it by {factor:.4g}, or write '{channel} [{short}]' in the header"
+    return Finding("unit", IMPOSSIBLE, text, remedy, channel, size={**size, "factor": factor})
+
+
+def _others(now: Reading, windows: Windows) -> Iterator[tuple[str, Reading]]:
+    """Readings that change one thing."""
+    if now.time == 1.0:
+        for factor, unit in _TIMES:
+            yield f"time in {unit}", replace(now, time=factor)
+    if now.current == 1.0 and windows.current.any() and not windows.pulsed:
+        for factor, unit in _CURRENTS:
+            yield f"drive_current in {unit}", replace(now, current=factor)
+    for channel in windows.values:
+        if channel in now.channels or channel not in (*COORDINATES, *GAPS):
+            continue
+        yield f"{channel} flipped", now.times(channel, -1.0)
+        for factor, unit in _ANGLE if channel == "roll" else _LENGTH:
+            yield f"{channel} in {unit}", now.times(channel, factor)
+    if {"gap_left", "gap_right"} <= windows.values.keys() and not now.swapped:
+        yield "gap_left and gap_right swapped", replace(now, swapped=True)
+
+
+def _explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+    """Whether a reading brings something that was off to where it belongs, and nothing out of where it belonged."""
+    mended = [c for c in bad(before) if after.get(c, 2.0) < levels.GOOD]
+    spoiled = [c for c in bad(after) if before.get(c, 2.0) < levels.BAD]
+    return bool(mended) and not spoiled and total(after, before) < (1 - BETTER) * total(before, before)
+
+
+def _finding(campaign: Campaign, wrong: list[str], alike: list[tuple[str, Reading, dict[str, float]]], now: Reading) -> Finding:
+    """What is said of the readings that explain equally well."""
+    names = [name for name, _, _ in alike]
+    first = names[0]
+    off = shared([*wrong])
+    motion = f"{off} {'does' if len(wrong) == 1 else 'do'} not belong to the model's motion"
+    flipped = [n.removesuffix(" flipped") for n in names if n.endswith(" flipped")]
+    if flipped:
+        sensors = shared([f"sensor_scale:{c}" for c in flipped]).replace(" and ", " or ")
+        if len(flipped) > 1:
+            text = f"{shared(flipped)} do not fit each other: the axis of one of them is flipped; the mirror image looks the same, so these data cannot tell which"
+        else:
+            text = f"the axis of {flipped[0]} is flipped: only with its sign changed it moves as the forces of the model say"
+        remedy = f"change the sign of {shared(flipped).replace(' and ', ' or ')} (a {sensors} of −1 would say the same); x is along the travel, y left, z up"
+        return Finding("axis_flipped", IMPOSSIBLE, text, remedy, flipped[0], size={"candidates": flipped})
+    if first.startswith("time in "):
+        unit = first.removeprefix("time in ")
+        run = campaign.runs[0]
+        step, factor = float(np.median(np.diff(run.times))), alike[0][1].time
+        text = f"time is in {unit}: {run.file.name} would last {number(run.duration)} s with a sample every {number(step)} s, in which nothing would fly as it does"
+        return Finding("time_unit", IMPOSSIBLE, text, f"time is in seconds; name its column 'time [{unit}]', or divide it by {1 / factor:g}", size={"factor": 1 / factor})
+    if first.startswith("drive_current in "):
+        unit = first.removeprefix("drive_current in ")
+        stated = shared([f"{run.drive_current:g}" for run in campaign.runs])
+        factor = alike[0][1].current
+        text = f"drive_current ({stated} A) is {number(1 / factor)} times what accelerates the cradle as measured: it seems to be in {unit}"
+        return Finding("unit", IMPOSSIBLE, text, f"drive_current is in A; multiply it by {factor:g} in campaign.yaml", "drive_current", size={"factor": factor})
+    if first.endswith("swapped"):
+        return Finding("axis_flipped", IMPOSSIBLE, f"gap_left and gap_right are swapped: {motion}", "exchange the two channels; left is seen along the travel", "gap_left")
+    channel, _, unit = first.partition(" in ")
+    return _unit(channel, f"as it is written {channel} does not belong to the model's motion", alike[0][1].of(channel), unit, {})

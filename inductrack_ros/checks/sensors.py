@@ -1,0 +1,104 @@
+"""Each sensor by itself: constant, stuck, saturated, coarse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..data import Campaign, Run
+from ..data.measurement import Array
+from . import levels
+from .finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding, as_samples, number, place, quantity, shared
+from .noise_found import Channel
+
+
+def sensors(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Findings about every channel's readings."""
+    findings: list[Finding] = []
+    for channel, about in channels.items():
+        if dead := _constant(campaign, channel):
+            findings += dead
+        else:
+            findings += _flat(campaign, channel, about)
+        findings += _coarse(campaign, channel, about)
+    return findings
+
+
+def _constant(campaign: Campaign, channel: str) -> list[Finding]:
+    """A channel that never changes, in all runs or in some."""
+    runs = [run for run in campaign.runs if channel in run.channels and len(run.samples(channel)[1]) > 2]
+    still = [run for run in runs if np.ptp(run.samples(channel)[1]) == 0.0]
+    if not still:
+        return []
+    value = float(still[0].samples(channel)[1][0])
+    reason = "the sensor is dead or the column wrong"
+    if len(still) == len(runs):
+        stated = channel in campaign.noise_std
+        text = f"{channel} is {number(value)} in every sample: {reason}"
+        remedy = "leave the channel out" if stated else f"leave the channel out, or give noise_std: {{{channel}: …}} in campaign.yaml if it is truly at rest"
+        # With a noise that is stated a channel at rest can be held against the model; what its noise is nobody can tell from it.
+        return [Finding("constant", WARNING if stated else IMPOSSIBLE, text, remedy, channel, size={"value": value})]
+    text = f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other runs: {reason}"
+    rows = {run.name: np.flatnonzero(~np.isnan(run[channel])) for run in still}
+    return [Finding("constant", SET_ASIDE, text, "", channel, samples=as_samples(rows), size={"value": value, "runs": len(still)})]
+
+
+def _flat(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
+    """Stretches that repeat one value: at an end of the range the sensor is saturated, elsewhere it hangs."""
+    rows: dict[str, Array] = {}
+    ends = False
+    longest: tuple[int, Run | None, int] = (0, None, 0)
+    for run in campaign.runs:
+        if channel not in run.channels:
+            continue
+        numbers = np.flatnonzero(~np.isnan(run[channel]))
+        values = run[channel][numbers]
+        if len(values) < 3 or np.ptp(values) == 0.0:
+            continue
+        starts, lengths = _repeats(values)
+        usual = levels.FLAT if about.step < about.noise else max(levels.FLAT, 4 * int(np.quantile(lengths, 0.99)))
+        at_end = (values[starts] == values.max()) | (values[starts] == values.min())
+        many = lengths >= np.where(at_end, usual, max(usual, levels.STUCK * len(values)))
+        if not many.any():
+            continue
+        rows[run.name] = np.concatenate([numbers[s : s + n] for s, n in zip(starts[many], lengths[many], strict=True)])
+        k = int(np.argmax(np.where(many, lengths, 0)))
+        ends |= bool(at_end[many].any())
+        if lengths[k] > longest[0]:
+            longest = (int(lengths[k]), run, int(numbers[starts[k]]))
+    count = sum(len(r) for r in rows.values())
+    length, run, at = longest
+    if run is None or (ends and count < levels.SATURATED * min(about.count, 50 * levels.FLAT)):
+        return []
+    value = number(float(run[channel][at]), 6)
+    kind, what = ("saturated", "the end of the sensor's range") if ends else ("stuck", "the sensor hangs")
+    text = f"{channel} stays at {value} for {length} samples from {place(run, at)}: {what}; {count} such samples in all"
+    size = {"count": count, "share": count / about.count, "value": float(run[channel][at])}
+    return [Finding(kind, SET_ASIDE, text, "", channel, samples=as_samples(rows), size=size)]
+
+
+def _repeats(values: Array) -> tuple[Array, Array]:
+    """Where stretches of one value begin, and how long they are."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
+    return starts, np.diff(np.append(starts, len(values)))
+
+
+def _coarse(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
+    """Readings in steps that are as large as the noise."""
+    stated = campaign.noise_std.get(channel, about.noise)
+    if not about.step or about.step < levels.STEP_MATTERS * min(stated, max(about.noise, about.step / np.sqrt(12.0))):
+        return []
+    text = f"{channel} reads in steps of {quantity(channel, about.step)}"
+    least = about.step / np.sqrt(12.0)
+    size = {"step": about.step}
+    if stated < 0.95 * least or about.noise > 1.1 * stated:
+        size["noise"] = with_step(stated, about)
+        text += f", coarser than its noise_std says: {quantity(channel, size['noise'])} is taken instead of {quantity(channel, stated)}"
+    return [Finding("quantised", WARNING, text, "", channel, size=size)]
+
+
+def with_step(stated: float, about: Channel) -> float:
+    """Noise of a channel whose stated noise may leave its rounding out: what is found, within what stated noise and rounding can give."""
+    rounding = about.step / np.sqrt(12.0)
+    return float(np.clip(about.noise, max(stated, rounding), np.hypot(stated, rounding)))

@@ -1,0 +1,173 @@
+"""The report of `inductrack check`: can these data be meant as they are written, what is set aside, what may mislead."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..checks.check import Check
+from ..checks.finding import IMPOSSIBLE, NOTE, SET_ASIDE, WARNING, Finding
+from ..core.state import UNITS
+from ..data import Run
+from .page import Figure, Page, findings_list, packed, severity_word, table, text
+from .words import in_channel, listed, number, shown, title
+
+TONES = {"clean": "good", "usable": "warn", "impossible": "bad"}
+#: Findings said on the first screen; pictures of where they are; samples shown beside the first one.
+SAID, PICTURES, BESIDE = 5, 8, 60
+
+
+def check_report(result: Check) -> str:
+    """The whole page."""
+    page = Page(
+        title=result.campaign.name,
+        kind="The data, before any fit",
+        verdict=verdict(result),
+        tone=TONES[result.verdict],
+        lead=_lead(result),
+        notes=result.campaign.notes,
+    )
+    page.picture(page.figure(_noise(result), "Noise found from neighbouring samples, and as campaign.yaml states it."))
+    page.section("Findings", _findings(result))
+    pictures = [_picture(page, result, f) for f in result.findings]
+    if shown_ := [p for p in pictures if p][:PICTURES]:
+        page.section("Where", "".join(shown_))
+    page.section("Channels", _channels(result))
+    page.section("Runs", _runs(result))
+    return page.render()
+
+
+# ---------------------------------------------------------------- the answer in words
+
+
+def verdict(result: Check) -> str:
+    """The answer in one sentence."""
+    runs = "The one run" if len(result.campaign.runs) == 1 else f"All {len(result.campaign.runs)} runs"
+    if result.verdict == "impossible":
+        wrong = [f for f in result.findings if f.severity == IMPOSSIBLE]
+        return f"The data cannot be meant as they are written: {wrong[0].text}."
+    if result.verdict == "clean":
+        return f"Nothing wrong was found in the data. {runs} can be used as {'it is' if len(result.campaign.runs) == 1 else 'they are'}."
+    parts = [f for f in result.findings if f.severity == SET_ASIDE]
+    hints = [f for f in result.findings if f.severity == WARNING]
+    said = ([f"{len(parts)} thing{_s(parts)} {'is' if len(parts) == 1 else 'are'} left out"] if parts else []) + (
+        [f"{len(hints)} thing{_s(hints)} may mislead"] if hints else []
+    )
+    return f"The data can be used; {listed(said)}."
+
+
+def _s(things: list[Finding]) -> str:
+    return "" if len(things) == 1 else "s"
+
+
+def _lead(result: Check) -> str:
+    said = result.findings[:SAID]
+    if not said:
+        channels = listed([title(c).lower() for c in result.channels])
+        return f"<p>Looked at: clocks, single samples, sensors, noise, and whether {text(channels)} fit each other and the model's motion.</p>"
+    more = len(result.findings) - len(said)
+    rest = f'<p><a href="#findings">{more} more</a></p>' if more else ""
+    return findings_list(said) + rest
+
+
+# ---------------------------------------------------------------- sections
+
+
+def _findings(result: Check) -> str:
+    if not result.findings:
+        return "<p>None.</p>"
+    rows = [
+        [severity_word(f), text(title(f.channel)) if f.channel in UNITS else text(f.run or "–"), text(f.text), text(f.remedy or "–")]
+        for f in result.findings
+    ]
+    return table(["", "where", "what", "what to do"], rows, words=4)
+
+
+def _noise(result: Check) -> Figure:
+    """Bars of noise found beside noise stated, each over the stated one (or over the found one where none is stated)."""
+    channels = [c for c, about in result.channels.items() if math.isfinite(about.noise) and about.noise > 0]
+    names = [title(c) for c in channels]
+    stated = [result.campaign.noise_std.get(c) for c in channels]
+    found = [result.channels[c].noise / (s or result.channels[c].noise) for c, s in zip(channels, stated, strict=True)]
+    words = [in_channel(c, result.channels[c].noise) + ("" if s else ", none stated") for c, s in zip(channels, stated, strict=True)]
+    bars = {
+        "type": "bar", "orientation": "h", "name": "found", "y": names, "x": found, "text": words, "textposition": "auto",
+        "marker": {"color": ["@after" if 1 / 1.5 < f < 1.5 else "@before" for f in found]},
+        "hovertemplate": "%{y}: %{text}<extra></extra>",
+    }  # fmt: skip
+    wide = bool(found) and (max(found) > 5 or min(found) < 0.2)
+    axis = {"title": "noise found over noise stated", "type": "log" if wide else "linear", "zeroline": False}
+    layout = {
+        "xaxis": axis,
+        "yaxis": {"autorange": "reversed", "automargin": True},
+        "shapes": [{"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1, "line": {"color": "@good", "width": 1.5, "dash": "dash"}}],
+        "showlegend": False,
+        "margin": {"t": 20},
+    }
+    return Figure([bars], layout, "Noise found over noise stated, by channel", 90 + 34 * len(channels), fixed=True)
+
+
+def _picture(page: Page, result: Check, finding: Finding) -> str:
+    """The samples around the first that a finding is about, those meant marked; nothing for one that names none."""
+    if finding.channel is None or not finding.samples:
+        return ""
+    name, rows = next(iter(finding.samples.items()))
+    run = next(r for r in result.campaign.runs if r.name == name)
+    first, last = max(rows[0] - BESIDE, 0), min(rows[0] + BESIDE + 1, len(run.times))
+    marked = np.array([i for i in rows if first <= i < last])
+    factor, unit = shown(finding.channel)
+    others = np.setdiff1d(np.arange(first, last), marked)
+    values = run[finding.channel] * factor
+    data = [_dots(run, others, values, "@measured", "used"), _dots(run, marked, values, "@before", "left out")]
+    layout = {
+        "xaxis": {"title": "time, s"},
+        "yaxis": {"title": f"{title(finding.channel).lower()}, {unit}"},
+        "margin": {"t": 10},
+    }
+    return page.figure(Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{text(name)}: {text(finding.text)}.")
+
+
+def _dots(run: Run, rows: np.ndarray, values: np.ndarray, colour: str, name: str) -> dict[str, object]:
+    return {
+        "type": "scatter", "mode": "markers", "name": name, "x": packed(run.times[rows]), "y": packed(values[rows]),
+        "marker": {"color": colour, "size": 5 if name == "used" else 10, "symbol": "circle" if name == "used" else "x"},
+    }  # fmt: skip
+
+
+def _channels(result: Check) -> str:
+    rows = []
+    for channel, about in result.channels.items():
+        stated = result.campaign.noise_std.get(channel)
+        runs = [run for run in result.campaign.runs if channel in run.channels]
+        missing = sum(len(run.times) for run in runs) - about.count
+        rows.append(
+            [
+                text(title(channel)),
+                f"{about.count}",
+                f"{missing}" if missing else "–",
+                f"{number(about.low * shown(channel)[0])} … {in_channel(channel, about.high)}",
+                in_channel(channel, about.noise),
+                in_channel(channel, stated) if stated else "not stated",
+                in_channel(channel, about.step) if about.step > about.noise else "–",
+            ]
+        )
+    caption = "98 % of the samples lie in the range; the noise is what neighbouring samples do not say of each other."
+    return table(["channel", "samples", "missing", "range", "noise found", "noise_std", "step"], rows, caption)
+
+
+def _runs(result: Check) -> str:
+    rows = []
+    for run in result.campaign.runs:
+        steps = np.diff(run.times)
+        rows.append(
+            [
+                text(run.name),
+                "pulses" if run.pulses is not None else f"{run.drive_current:g} A",
+                f"{len(run.times)}",
+                f"{number(run.duration)} s",
+                f"{number(1e3 * float(np.median(steps)))} ms",
+                f"{number(1e3 * float(steps.max()))} ms",
+            ]
+        )
+    return table(["run", "drive", "samples", "duration", "step", "longest step"], rows)

@@ -1,0 +1,432 @@
+"""The look at the data: each kind of fault planted into a clean campaign of our own, and clean campaigns left alone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look, set_aside
+from inductrack_ros.checks.local import predictions
+from inductrack_ros.cli import main
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.core.model import Model
+from inductrack_ros.core.state import CHANNELS
+from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
+
+NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4, "surge_rate": 0.01, "sway_rate": 3e-3, "heave_rate": 3e-3, "roll_rate": 0.01}
+NOISE |= dict.fromkeys(("gap_top", "gap_right", "gap_left"), 3e-5) | dict.fromkeys(("surge_acceleration", "sway_acceleration", "heave_acceleration"), 0.05)
+POSE = ("surge", "sway", "heave", "roll")
+PRACTICE = Path(__file__).parent / "data" / "practice"
+
+
+def measured(channels: tuple[str, ...] = POSE, count: int = 301, step: float = 2e-3, seed: int = 1) -> Campaign:
+    """Three runs of the package's own model with white noise."""
+    model, rng = Model.default(), np.random.default_rng(seed)
+    runs = []
+    for name, current, speed, sway in (("a", 7000.0, 17.0, 3e-3), ("b", 5000.0, 22.0, -2e-3), ("c", 3600.0, 26.0, 2e-3)):
+        times = np.arange(count) * step
+        start = model.initial_state(surge_rate=speed, sway=sway, roll=3e-3, heave=model.equilibrium_heave(speed) + 5e-4)
+        flight = model.simulate(times, start, current)
+        values = np.column_stack([flight[c] + NOISE[c] * rng.standard_normal(count) for c in channels])
+        runs.append(Run(name, Path(f"{name}.csv"), channels, times, values, times, current))
+    return Campaign("rig", Path("rig"), tuple(runs), {c: NOISE[c] for c in channels})
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model.default()
+
+
+@pytest.fixture(scope="module")
+def pose() -> Campaign:
+    return measured()
+
+
+@pytest.fixture(scope="module")
+def everything() -> Campaign:
+    return measured(tuple(c for c in CHANNELS))
+
+
+def times_of(campaign: Campaign, factor: float) -> Campaign:
+    return replace(campaign, runs=tuple(replace(r, times=factor * r.times, stamps=factor * r.stamps) for r in campaign.runs))
+
+
+def changed(campaign: Campaign, channel: str, change, runs: str = "abc") -> Campaign:
+    """The campaign with a channel of some runs replaced by ``change`` of it."""
+
+    def one(run: Run) -> Run:
+        values = run.values.copy()
+        k = run.channels.index(channel)
+        values[:, k] = change(values[:, k].copy())
+        return replace(run, values=values) if run.name in runs else run
+
+    return replace(campaign, runs=tuple(map(one, campaign.runs)))
+
+
+def put(*cells: tuple[int, float]):
+    """A change that writes values into rows."""
+
+    def change(column):
+        for row, value in cells:
+            column[row] = value
+        return column
+
+    return change
+
+
+def kinds(findings, severity=None) -> set[tuple[str, str | None]]:
+    return {(f.kind, f.channel) for f in findings if severity in (None, f.severity)}
+
+
+# ---------------------------------------------------------------- nothing where nothing is
+
+
+def test_a_clean_campaign_is_clean(pose, everything, model):
+    assert look(pose, model) == ()
+    assert kinds(look(everything, model)) <= {("offset", "heave_acceleration")}
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in PRACTICE.iterdir() if p.is_dir()))
+def test_contact_bounces_and_holes_are_no_faults(name, model):
+    campaign = load_campaign(PRACTICE / name)
+    assert {f.kind for f in look(campaign, model)} <= {"hole", "uneven_stamps", "still"}
+
+
+@pytest.mark.parametrize("slopes", [(-1.0, 1.0), (0.0, 1.0), (-1.0, 0.3)])
+def test_a_kink_is_no_outlier_wherever_it_lies(slopes):
+    """The bound that `levels.KINK` is set above: an impact turns a coordinate's slope between any two samples."""
+    times = np.arange(13.0) - 6
+    for at in np.linspace(-6, 6, 121):
+        values = np.where(times < at, slopes[0], slopes[1]) * (times - at)
+        (predicted, _) = predictions(times, values)
+        a, b, c = predicted[:, 0]
+        agree = min(abs(a - b), abs(a - c), abs(b - c))
+        assert abs(values[6] - predicted[:, 0]).min() <= 3.0 * agree + 1e-9
+
+
+# ---------------------------------------------------------------- units, signs and clocks
+
+FACTORS = [
+    ("surge", 1e3), ("sway", 1e3), ("heave", 1e3), ("roll", 1e3), ("roll", 180 / np.pi), ("heave", 1e2),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("channel", "factor"), FACTORS)
+def test_a_wrong_unit_is_named(channel, factor, pose, model):
+    (found,) = impossible(look(changed(pose, channel, lambda y: factor * y), model))
+    assert (found.kind, found.channel) == ("unit", channel)
+    assert found.size["factor"] == pytest.approx(1 / factor)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e6, 1e9])
+def test_a_clock_in_other_units_is_named(factor, pose, model):
+    found = impossible(look(times_of(pose, factor), model))
+    assert [f.kind for f in found] == ["time_unit"]
+    assert found[0].size["factor"] == pytest.approx(factor)
+
+
+def test_several_wrong_units_are_all_named(pose, model):
+    spoiled = pose
+    for channel, factor in (("sway", 1e3), ("heave", 1e3), ("roll", 180 / np.pi)):
+        spoiled = changed(spoiled, channel, lambda y, f=factor: f * y)
+    assert kinds(impossible(look(spoiled, model))) == {("unit", "sway"), ("unit", "heave"), ("unit", "roll")}
+
+
+def test_a_current_in_kiloamperes_is_named(pose, model):
+    spoiled = replace(pose, runs=tuple(replace(r, drive_current=r.drive_current / 1e3) for r in pose.runs))
+    (found,) = impossible(look(spoiled, model))
+    assert (found.kind, found.channel, found.size["factor"]) == ("unit", "drive_current", 1e3)
+
+
+@pytest.mark.parametrize(("channel", "candidates"), [("sway", {"sway", "roll"}), ("roll", {"sway", "roll"}), ("heave", {"heave"}), ("surge", {"surge"})])
+def test_a_flipped_axis_is_named_with_its_mirror_twin(channel, candidates, pose, model):
+    (found,) = impossible(look(changed(pose, channel, lambda y: -y), model))
+    assert found.kind == "axis_flipped"
+    assert set(found.size["candidates"]) == candidates
+
+
+@pytest.mark.parametrize(
+    ("channel", "change", "kind"),
+    [("heave_rate", -1.0, "sign"), ("roll_rate", 180 / np.pi, "unit"), ("surge_rate", 3.6, "unit"), ("sway_rate", 1e3, "unit"), ("surge_acceleration", -1.0, "sign")],
+)
+def test_a_rate_that_is_no_derivative_is_named(channel, change, kind, everything, model):
+    found = impossible(look(changed(everything, channel, lambda y: change * y), model))
+    assert (kind, channel) in kinds(found)
+
+
+@pytest.mark.parametrize("gap", ["gap_top", "gap_right", "gap_left"])
+def test_a_gap_in_millimetres_is_named(gap, everything, model):
+    found = impossible(look(changed(everything, gap, lambda y: 1e3 * y), model))
+    assert ("unit", gap) in kinds(found)
+
+
+def test_swapped_gaps_are_named(everything, model):
+    right, left = (np.concatenate([r[g] for r in everything.runs]) for g in ("gap_right", "gap_left"))
+    count = len(everything.runs[0].times)
+    spoiled = everything
+    for k, name in enumerate("abc"):
+        rows = slice(k * count, (k + 1) * count)
+        spoiled = changed(changed(spoiled, "gap_right", lambda _, r=rows: left[r], name), "gap_left", lambda _, r=rows: right[r], name)
+    assert "swapped" in impossible(look(spoiled, model))[0].text
+
+
+def test_another_zero_is_told_from_another_unit(pose, model):
+    (found,) = impossible(look(changed(pose, "heave", lambda y: y + 0.3), model))
+    assert found.kind == "zero"
+
+
+def test_a_rate_with_another_clock_is_named(everything, model):
+    (found,) = [f for f in look(changed(everything, "roll_rate", lambda y: np.roll(y, 3)), model) if f.kind == "offset" and f.channel == "roll_rate"]
+    assert found.size["offset"] == pytest.approx(6e-3, abs=1e-3)
+
+
+# ---------------------------------------------------------------- clocks
+
+
+def test_a_jump_of_the_clock_is_named(pose, model):
+    run = pose.runs[0]
+    times = run.times + np.where(np.arange(len(run.times)) > 150, 3600.0, 0.0)
+    (found,) = impossible(look(replace(pose, runs=(replace(run, times=times, stamps=times), *pose.runs[1:])), model))
+    assert found.kind == "clock_jump"
+    assert "sample 152" in found.text
+
+
+def test_a_slow_logger_says_so(pose, model):
+    """Its file names the unit; where it does not the time is more likely in milliseconds."""
+    slow = times_of(pose, 150.0)
+    (found,) = impossible(look(slow, None))
+    assert found.kind == "time_unit"
+    assert "name it 'time [s]'" in found.remedy
+    stated = replace(slow, runs=tuple(replace(r, seconds_stated=True) for r in slow.runs))
+    assert impossible(look(stated, None)) == ()
+
+
+def test_a_first_stamp_of_zero_is_set_aside(pose, model):
+    run = pose.runs[0]
+    stamps = (1_700_000_000_000_000_000 + np.rint(run.times * 1e9)).astype(np.int64)
+    stamps[0] = 0
+    spoiled = replace(pose, runs=(replace(run, stamps=stamps, times=(stamps - stamps[0]) / 1e9), *pose.runs[1:]))
+    used, findings = admit(spoiled, model)
+    assert kinds(findings, SET_ASIDE) == {("first_stamp", None)}
+    assert used.runs[0].duration == pytest.approx(run.duration - 2e-3, abs=1e-6)
+    assert used.runs[0].times[0] == 0.0
+
+
+def test_a_hole_is_a_note_and_a_pause_is_none(pose, model):
+    run = pose.runs[0]
+    kept = np.r_[0:100, 130:301]
+    hole = replace(run, times=run.times[kept], stamps=run.stamps[kept], values=run.values[kept])
+    assert kinds(look(replace(pose, runs=(hole, *pose.runs[1:])), model)) == {("hole", None)}
+    late = np.where(np.arange(len(kept)) < 100, hole.times, hole.times + 50.0)
+    values = hole.values.copy()
+    values[100:, 0] += 50.0 * 17.0
+    paused = replace(hole, times=late, stamps=late, values=values)
+    assert kinds(impossible(look(replace(pose, runs=(paused, *pose.runs[1:])), model))) == {("hole", None)}
+
+
+def test_stamps_off_by_chance_are_told_from_noise(pose, model):
+    rng, flown = np.random.default_rng(5), []
+    for run in pose.runs:
+        true = run.times + 3e-4 * rng.standard_normal(len(run.times))
+        flown.append(replace(run, values=np.column_stack([np.interp(true, run.times, run[c]) for c in run.channels])))
+    start = [m for m in look(replace(pose, runs=tuple(flown)), model) if m.kind == "time_jitter"]
+    assert len(start) == 1
+    assert 1e-4 < start[0].size["std"] < 5e-4
+
+
+# ---------------------------------------------------------------- bad samples
+
+
+def test_one_bad_cell_is_set_aside_and_placed(pose, model):
+    spoiled = changed(pose, "heave", put((60, 0.045)), "b")
+    used, (found,) = admit(spoiled, model)
+    assert (found.kind, found.channel, found.samples) == ("outliers", "heave", {"b": (60,)})
+    assert "b.csv" in found.text
+    assert np.isnan(used.runs[1]["heave"][60])
+    assert not np.isnan(used.runs[1]["sway"][60])
+
+
+@pytest.mark.parametrize("value", [-9999.0, 999.0, 1e20, 32767.0, -3e5])
+def test_fillers_are_set_aside(value, pose, model):
+    used, (found,) = admit(changed(pose, "heave", put((60, value), (61, value), (200, value)), "b"), model)
+    assert (found.severity, found.channel, found.size["count"]) == (SET_ASIDE, "heave", 3)
+    assert found.samples == {"b": (60, 61, 200)}
+    assert f"{value:.6g}" in found.text
+
+
+def test_zeros_where_the_sensor_was_lost_are_set_aside(pose, model):
+    _, (found,) = admit(changed(pose, "heave", put((60, 0.0), (61, 0.0), (120, 0.0)), "b"), model)
+    assert found.samples == {"b": (60, 61, 120)}
+
+
+def test_spikes_are_found_and_little_else(pose, model):
+    rng = np.random.default_rng(3)
+    spoiled, planted = pose, {}
+    for channel in POSE:
+        rows = np.sort(rng.choice(np.arange(8, 293), 4, replace=False))
+        sizes = NOISE[channel] * rng.uniform(15, 60, 4) * rng.choice([-1, 1], 4)
+        planted[channel] = set(rows.tolist())
+        spoiled = changed(spoiled, channel, lambda y, r=rows, s=sizes: y + np.bincount(r, s, len(y)), "b")
+    found = {f.channel: set(f.samples["b"]) for f in look(spoiled, model) if f.kind == "outliers"}
+    assert found == planted
+
+
+def test_a_run_of_nonsense_is_not_set_aside_but_refused(pose):
+    rng = np.random.default_rng(0)
+    noisy = changed(pose, "roll", lambda y: y + 0.3 * (rng.random(len(y)) < 0.25))
+    assert any(f.severity == IMPOSSIBLE or f.kind == "noise_differs" for f in look(noisy) if f.channel == "roll")
+
+
+# ---------------------------------------------------------------- sensors and noise
+
+
+def test_a_constant_channel_says_so(pose, model):
+    with pytest.raises(InputError, match=r"sway is 0 in every sample.*leave the channel out"):
+        admit(replace(changed(pose, "sway", np.zeros_like), noise_std={}), model)
+    used, (found,) = admit(changed(pose, "roll", lambda y: np.full_like(y, 0.001), "c"), model)
+    assert (found.kind, found.severity) == ("constant", SET_ASIDE)
+    assert np.isnan(used.runs[2]["roll"]).all()
+
+
+def test_a_saturated_and_a_stuck_sensor(pose, model):
+    limit = float(np.quantile(pose.runs[0]["roll"], 0.8))
+    assert ("saturated", "roll") in kinds(look(changed(pose, "roll", lambda y: np.minimum(y, limit)), model), SET_ASIDE)
+
+    def hang(y):
+        y[100:180] = y[100]
+        return y
+
+    found = next(f for f in look(changed(pose, "surge", hang, "a"), model) if f.kind == "stuck")
+    assert found.samples["a"][0] in (100, 101)
+
+
+def test_coarse_readings_raise_the_noise(pose, model):
+    used, (found,) = admit(changed(pose, "heave", lambda y: np.round(y, 4)), model)
+    assert (found.kind, found.size["step"]) == ("quantised", pytest.approx(1e-4))
+    assert 3.5e-5 < used.noise_std["heave"] <= 4.2e-5  # 30 µm of noise and 29 µm of rounding
+
+
+@pytest.mark.parametrize(("factor", "severity"), [(1e3, IMPOSSIBLE), (1e-3, IMPOSSIBLE), (3.0, WARNING), (0.4, WARNING)])
+def test_noise_that_is_not_as_stated(factor, severity, pose, model):
+    stated = replace(pose, noise_std={**pose.noise_std, "sway": factor * NOISE["sway"]})
+    (found,) = look(stated, model)
+    assert (found.kind, found.channel, found.severity) == ("noise_differs", "sway", severity)
+    assert found.size["ratio"] == pytest.approx(1 / factor, rel=0.1)
+
+
+def test_hum_and_colour(model):
+    campaign = measured(count=601)
+    times = campaign.runs[0].times
+    (hum,) = look(changed(campaign, "roll", lambda y: y + 1.5e-4 * np.sin(2 * np.pi * 50 * times)), model)
+    assert (hum.kind, hum.size["frequency"]) == ("hum", pytest.approx(50.0, abs=1.0))
+    assert hum.size["amplitude"] == pytest.approx(1.5e-4, rel=0.2)
+    rng, r = np.random.default_rng(2), 0.8
+
+    def coloured(y):
+        noise = np.empty(len(y))
+        noise[0] = rng.standard_normal()
+        for i, kick in enumerate(rng.standard_normal(len(y) - 1)):
+            noise[i + 1] = r * noise[i] + np.sqrt(1 - r * r) * kick
+        return y + 10 * NOISE["sway"] * noise
+
+    spoiled = replace(changed(campaign, "sway", coloured), noise_std={**campaign.noise_std, "sway": 10 * NOISE["sway"]})
+    (colour,) = [f for f in look(spoiled, model) if f.kind == "coloured_noise"]
+    assert colour.size["correlation_time"] == pytest.approx(-2e-3 / np.log(r), rel=0.4)
+
+
+# ---------------------------------------------------------------- what the runs can tell
+
+
+def test_more_samples_than_freedom(pose, model):
+    run = pose.runs[0]
+    two = replace(run, times=run.times[:2], stamps=run.stamps[:2], values=run.values[:2])
+    with pytest.raises(InputError, match="any model would fit"):
+        admit(replace(pose, runs=(two,)), model)
+    used, findings = admit(replace(pose, runs=(two, *pose.runs[1:])), model)
+    assert kinds(findings) == {("too_few_samples", None)}
+    assert [r.name for r in used.runs] == ["b", "c"]
+
+
+def test_a_coordinate_at_rest_tells_nothing(pose, model):
+    rng = np.random.default_rng(0)
+    still = pose
+    for c in ("sway", "roll"):
+        still = changed(still, c, lambda y, c=c: NOISE[c] * rng.standard_normal(len(y)))
+    (found,) = look(still, model)
+    assert (found.kind, found.size["channels"]) == ("still", ["sway", "roll"])
+
+
+def test_a_plant_without_magnets_has_no_room_to_leave():
+    model = Model.create({"width_top": 0.0, "width_side": 0.0, "contact_stiffness": 1e3, "nominal_gap": 1.0}, dof=1)
+    times = np.arange(60) / 20
+    rng = np.random.default_rng(0)
+    run = Run("ball", Path("ball.csv"), ("heave",), times, (45 - 4.905 * times**2 + 0.01 * rng.standard_normal(60))[:, None], times, 0.0, {"surge_rate": 0.0})
+    falling = Campaign("balls", Path("balls"), (run,))
+    assert impossible(look(falling, model)) == ()
+
+
+def test_memory_and_time_do_not_follow_a_bad_stamp(pose, model):
+    run = pose.runs[0]
+    times = run.times.copy()
+    times[-1] = 1e15
+    look(replace(pose, runs=(replace(run, times=times, stamps=times), *pose.runs[1:])), model)
+    look(times_of(pose, 1e12), model)
+
+
+# ---------------------------------------------------------------- the command
+
+
+def write(folder: Path, campaign: Campaign) -> Path:
+    folder.mkdir()
+    lines = ["name: rig", "noise_std: {" + ", ".join(f"{c}: {s}" for c, s in campaign.noise_std.items()) + "}", "runs:"]
+    for run in campaign.runs:
+        write_csv(folder / f"{run.name}.csv", run.times, {c: run[c] for c in run.channels})
+        lines.append(f"- {{file: {run.name}.csv, drive_current: {run.drive_current}}}")
+    (folder / "campaign.yaml").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def test_check_writes_and_says_what_it_finds(pose, tmp_path, capsys):
+    folder = write(tmp_path / "rig", changed(changed(pose, "roll", put((60, 0.3)), "b"), "sway", lambda y: 1e3 * y))
+    assert main(["check", str(folder), "--output", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("The data cannot be meant as they are written: sway")
+    assert [line.partition(":")[0] for line in said[1:-1]] == ["cannot be so", "left out"]
+    assert "b.csv, row 62," in said[2]
+    written = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert written["verdict"] == "impossible"
+    assert [(f["kind"], f["channel"]) for f in written["findings"]] == [("unit", "sway"), ("outliers", "roll")]
+    assert written["channels"]["heave"]["noise"] == pytest.approx(3e-5, rel=0.1)
+    assert "cannot be meant" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("command", ["compare", "diagnose"])
+def test_no_physics_is_named_where_units_are_wrong(command, pose, tmp_path, capsys):
+    folder = write(tmp_path / "rig", changed(pose, "sway", lambda y: -y))
+    assert main([command, str(folder), "--output", str(tmp_path / "out")]) == 2
+    complaint = capsys.readouterr().err.strip()
+    assert "\n" not in complaint
+    assert "sensor_scale:sway or sensor_scale:roll" in complaint
+    assert not (tmp_path / "out").exists()
+
+
+def test_findings_stand_at_the_head_of_compare(pose, tmp_path, capsys):
+    folder = write(tmp_path / "rig", changed(pose, "heave", put((60, 0.045)), "b"))
+    assert main(["compare", str(folder), "--output", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr()
+    assert told.err.startswith("left out: heave in b.csv, row 62,")
+    assert told.out.startswith("The model predicts all 3 runs")
+    written = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert [f["kind"] for f in written["findings"]] == ["outliers"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.index("row 62") < page.index('<nav aria-label="Sections">')
+
+
+def test_set_aside_leaves_the_campaign_itself_alone(pose, model):
+    spoiled = changed(pose, "heave", put((60, 0.045)), "b")
+    set_aside(spoiled, look(spoiled, model))
+    assert spoiled.runs[1]["heave"][60] == 0.045

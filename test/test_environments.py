@@ -1,0 +1,93 @@
+"""Machines that are not as one's own: no home that can be written, no user, a package that cannot be written, any terminal."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from test_compare import make_campaign
+
+import inductrack_ros
+from inductrack_ros import cli
+from inductrack_ros.core.cache import cache_folder
+from inductrack_ros.core.model import Model
+
+AS_NOBODY = """
+import pwd, runpy
+def unknown(uid): raise KeyError(uid)
+pwd.getpwuid = unknown
+runpy.run_module('inductrack_ros.cli', run_name='__main__')
+"""
+
+
+@pytest.mark.parametrize("home", ["/proc/none", None])
+def test_a_user_without_home_and_a_package_that_cannot_be_written(tmp_path, home):
+    """numba can keep nothing beside a package where a file stands in place of its folders."""
+    package = tmp_path / "site" / "inductrack_ros"
+    shutil.copytree(Path(inductrack_ros.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in [package, *(p for p in package.rglob("*") if p.is_dir())]:
+        (folder / "__pycache__").write_text("")
+    Model.default().kernel  # noqa: B018 - compiled, so that it can be copied
+    shutil.copytree(cache_folder(), tmp_path / "cache", ignore=shutil.ignore_patterns("numba"))
+    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": str(tmp_path / "site"), "INDUCTRACK_CACHE": str(tmp_path / "cache")}
+    if home:
+        environment["HOME"] = home
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", AS_NOBODY, "simulate", "--duration", "0.2", "--output", "run.csv"],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and "101 samples" in done.stdout and not done.stderr, done.stderr
+    assert (tmp_path / "run.csv").exists()
+
+
+def test_no_home_no_user_no_cache(tmp_path, monkeypatch):
+    def nobody():
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("INDUCTRACK_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", nobody)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert cache_folder().parent == tmp_path
+
+
+def said_by(arguments, monkeypatch, encoding) -> tuple[int, str]:
+    """Exit status and what a terminal of this encoding shows, in this process."""
+    streams = [io.TextIOWrapper(io.BytesIO(), encoding=encoding) for _ in range(2)]
+    with monkeypatch.context() as terminal:
+        terminal.setattr(sys, "stdout", streams[0])
+        terminal.setattr(sys, "stderr", streams[1])
+        try:
+            status = cli.main(arguments)
+        except SystemExit as end:
+            status = end.code
+        for stream in streams:
+            stream.flush()
+    return status, b"".join(stream.buffer.getvalue() for stream in streams).decode(encoding)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "cp1252", "cp437", "utf-8"])
+def test_a_terminal_of_any_encoding(tmp_path, monkeypatch, encoding):
+    for command in cli.COMMANDS:
+        status, said = said_by([command.name, "-h"], monkeypatch, encoding)
+        assert status == 0 and "usage: inductrack" in said
+    (tmp_path / "travels.csv").write_text("initial_speed,travel\n10,20\n15,30\n20,40\n")
+    arguments = ["fit", str(tmp_path / "travels.csv"), "--free", "eta", "--output", str(tmp_path / "out")]
+    status, said = said_by(arguments, monkeypatch, encoding)
+    assert status == 0 and ("eta" in said or "η" in said)
+
+
+def test_a_folder_whose_name_is_no_text(tmp_path, monkeypatch):
+    """Bytes of another encoding in a name: Python has them as lone surrogates, which nothing can print."""
+    named = tmp_path / os.fsdecode(b"M\xfcller")
+    rig = make_campaign(named, Model.default(), duration=0.1)
+    status, said = said_by(["compare", str(rig), "--output", str(named / os.fsdecode(b"\xe4"))], monkeypatch, "utf-8")
+    assert status == 0 and "predicts" in said and (named / os.fsdecode(b"\xe4") / "report.html").exists()
+    status, said = said_by(["compare", str(named / "none"), "--output", "x"], monkeypatch, "latin-1")
+    assert status == 2 and "no such folder" in said
