@@ -24,7 +24,7 @@ setup(
         (f"share/{NAME}/layouts", glob("layouts/*")),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "pandas>=2", "rosbags>=0.11", "plotly", "threadpoolctl", "rich"],
+    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "pandas>=2", "rosbags>=0.11", "plotly", "jinja2", "threadpoolctl", "rich"],
     extras_require={
         # ROS 2 Jazzy as PyPI wheels, for machines without a distribution; never installed over a sourced one.
         "ros": [

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inductrack_ros.core import effects as effects_package
 from inductrack_ros.core import compiled, kernel
+from inductrack_ros.core import effects as effects_package
 from inductrack_ros.core.effects import catalogue
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model

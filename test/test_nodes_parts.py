@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
+from inductrack_ros.core.rig import Rig, declared
 from inductrack_ros.core.state import OUTPUTS
 from inductrack_ros.nodes.detectors import Edge, Photodiodes
 from inductrack_ros.nodes.drive import PulseQueue
 from inductrack_ros.nodes.firing import FiringPlan, Motion, SpeedHold
-from inductrack_ros.core.rig import Rig, declared
 from inductrack_ros.nodes.simulation import Simulation, parse_initial_state
 
 PULSE = 600e-6

@@ -41,6 +41,10 @@ def words(html):
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", html)))
 
 
+def test_no_tag_is_shown_as_text(html):
+    assert not re.search(r"&lt;/?(strong|p|ul|li|code|span|br|b|sup|div|table|td|h3)\b|&amp;lt;", html)
+
+
 def test_every_claim_has_its_row(work, html):
     for row in work.claims.rows:
         cells = re.search(rf'<tr id="claim-{row.claim.id}">(.*?)</tr>', html, re.S)[1]

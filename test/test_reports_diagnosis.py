@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -139,6 +140,7 @@ def test_what_users_named_is_text(which):
 
 def test_the_evidence_is_there():
     html = diagnosis_report(made((DRAG,)))
+    assert not re.search(r"&lt;/?(strong|p|ul|li|code|span|br|div|table|td|h3)\b", html) and "&amp;lt;" not in html
     for words in (
         "0.0123 ± 0.0004 m²",
         "from 10.0 to 1.00",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from inductrack_ros.core.plain_json import script_text
-from inductrack_ros.reports.page import Figure, Page, packed, table
+from inductrack_ros.reports.page import Figure, Page, bullets, folded, joined, markup, packed, table
 from inductrack_ros.reports.words import effect_name, in_channel, listed, number, ratio, shown, sized, title
 
 NASTY = "</script><script>alert('x')</script>\"&<b>"
@@ -23,6 +23,18 @@ def test_what_users_wrote_is_text():
     assert "alert('x')" not in html.replace("\\u003c/script>\\u003cscript>alert('x')", "")
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.S).group(1))
     assert data["figures"][0]["data"][0]["name"] == NASTY
+
+
+def test_only_markup_is_html():
+    """Everywhere: what is not built by `markup` is escaped, once."""
+    page = Page(title="t", kind="k", verdict="v", lead=NASTY, notes=[NASTY], foot=NASTY)
+    page.picture(page.figure(Figure([], {}, NASTY), NASTY))
+    cells = [[NASTY, markup("<b>{}</b>", NASTY)], ["<i>", joined([NASTY, markup("<u>x</u>")], "<br>")]]
+    page.section("s", table(["<h>", NASTY], cells, NASTY) + folded(NASTY, NASTY) + bullets([NASTY]) + NASTY)
+    html = page.render().partition('<script type="application/json"')[0]
+    assert "alert('x')" not in html and "<script>alert" not in html and "&amp;lt;" not in html
+    assert html.count("&lt;/script&gt;&lt;script&gt;alert(&#39;x&#39;)") == 14
+    assert "<u>x</u>" in html and "&lt;i&gt;<" not in html.replace("&lt;i&gt;</th>", "")
 
 
 def test_nothing_is_loaded_from_outside():

@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 import rclpy
 from rclpy.qos import ReliabilityPolicy
 
-from ..core.parameters import PARAMETERS, Parameter
 from ..core import rig
+from ..core.parameters import PARAMETERS, Parameter
 from . import monitor, play, record
 from .domain import claim_domain
 from .parameters import MODEL_OPTIONS, Option

@@ -13,7 +13,6 @@ from threadpoolctl import threadpool_limits
 
 from .. import frames
 from ..core import rig
-from ..core.errors import InputError
 from ..core.model import Model
 from ..core.options import MODEL_OPTIONS, is_of_the_node
 from ..core.parameters import PARAMETERS, Parameter

@@ -15,8 +15,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..core.errors import InputError
 from .domain import reach, stay_local
-from .overrides import Overrides, readable
 from .ending import GRACE, STOP, Deadline
+from .overrides import Overrides, readable
 
 _ROS_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 NAMESPACE = "inductrack"  # of every node, unless `--ros-args -r __ns:=/other` says otherwise

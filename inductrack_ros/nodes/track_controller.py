@@ -10,7 +10,6 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import UInt64MultiArray
 
-from ..core.errors import InputError
 from ..core.parameters import PARAMETERS, Parameter
 from .detectors import Photodiodes
 from .diagnostics import PERIOD, Diagnostics

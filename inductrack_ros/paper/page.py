@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from ..core.parameters import PARAMETERS
 from ..reports.fit_figures import profiles
 from ..reports.fit_report import raised
-from ..reports.page import Page, table, text
+from ..reports.page import Page, bullets, joined, markup, parts, table
 from ..reports.words import SYMBOL, number, sized
 from . import figures
 from .claims import AGREES, CLOSE, DISAGREES, Row
@@ -33,8 +34,7 @@ def render(work: Reproduction) -> str:
         verdict=verdict(rows),
         tone="good" if all(r.verdict != DISAGREES or r.claim.kind for r in rows) else "bad",
         lead=_lead(work),
-        foot=f'<p>The paper: {text(facts.authors)}, <em>{text(facts.title)}</em>, Journal of Vibration and Control, 2012, <a href="https://doi.org/{facts.doi}">doi {facts.doi}</a>. '
-        "Its curves were not digitised: lay the paper beside this page.</p>",
+        foot=markup('<p>The paper: {}, <em>{}</em>, Journal of Vibration and Control, 2012, <a href="https://doi.org/{}">doi {}</a>. Its curves were not digitised: lay the paper beside this page.</p>', facts.authors, facts.title, facts.doi, facts.doi),
     )
     page.picture(
         page.figure(
@@ -61,7 +61,7 @@ def _lead(work: Reproduction) -> str:
         f"Heave is undamped only while the speed is held. Free, it is damped up to {c.beyond['both_sign_change']:.1f} m/s, and unstable above once the coil current lags.",
         f"Four distances can fix η and γ, if well chosen: {_choice_words(work)}.",
     ]
-    return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
+    return bullets(points)
 
 
 def _choice_words(work: Reproduction) -> str:
@@ -73,38 +73,25 @@ def _choice_words(work: Reproduction) -> str:
 # ---------------------------------------------------------------- claims
 
 
-def _claims_table(rows: Sequence[Row]) -> str:
-    widths = (
-        ("Where", 5.5, _W),
-        ("The paper says", 15, _W),
-        ("Paper", 8, ""),
-        ("Model", 8, ""),
-        ("Verdict", 9, _W),
-        ("Why", 28.5, _W),
-    )
-    head = "".join(f'<th scope="col"{c} style="width:{w}rem">{h}</th>' for h, w, c in widths)
-    body = "".join(f'<tr id="claim-{r.claim.id}">{_claim_cells(r)}</tr>' for r in rows)
-    return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="table"><table style="table-layout:fixed;width:74rem"><caption>In the order of the paper. "Close" is within a few per cent but '
-        f"outside the printed digits.</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
-    )
+#: Columns of the claims' table: title, width in rem. The third and the fourth hold numbers.
+_COLUMNS = (("Where", 5.5), ("The paper says", 15), ("Paper", 8), ("Model", 8), ("Verdict", 9), ("Why", 28.5))
 
 
-_W = ' class="word"'
+def _claims_table(rows: Sequence[Row]) -> Markup:
+    caption = 'In the order of the paper. "Close" is within a few per cent but outside the printed digits.'
+    header, widths = zip(*_COLUMNS, strict=True)
+    cells = [{"id": f"claim-{r.claim.id}", "cells": _claim_cells(r)} for r in rows]
+    return parts.table(header, cells, caption, {0, 1, 4, 5}, "table-layout:fixed;width:74rem", widths)
 
 
-def _claim_cells(row: Row) -> str:
+def _claim_cells(row: Row) -> list[str]:
     c = row.claim
     word, tone = {AGREES: ("agrees", "good"), CLOSE: ("close", "warn"), DISAGREES: ("does not", "bad")}[row.verdict]
-    kind = f"<br><span class='soft'>{KINDS[c.kind]}</span>" if row.verdict != AGREES and c.kind else ""
+    kind = markup("<br><span class='soft'>{}</span>", KINDS[c.kind]) if row.verdict != AGREES and c.kind else ""
     unit = f" {c.unit}" if c.unit else ""
     paper = "no number" if c.value is None else f"{number(c.value, 4)}{unit}"
-    return (
-        f'<th scope="row" class="word">{text(c.place)}</th><td class="word">{text(c.says)}</td>'
-        f'<td style="white-space:normal">{text(paper)}</td><td style="white-space:normal">'
-        f"{text(_found(row))}{text(unit) if c.value is None else ''}</td>"
-        f'<td class="word"><span class="{tone}-word">{word}</span>{kind}</td><td class="word">{text(row.why)}</td>'
-    )
+    model = _found(row) + (unit if c.value is None else "")
+    return [c.place, c.says, paper, model, markup('<span class="{}-word">{}</span>{}', tone, word, kind), row.why]
 
 
 def _found(row: Row) -> str:
@@ -121,12 +108,12 @@ def _tables(work: Reproduction) -> str:
     p, facts = work.model.parameters, work.facts
     rows = [
         [
-            text(r["symbol"]),
-            text(r["meaning"]),
+            r["symbol"],
+            r["meaning"],
             number(r["value"], 5),
             number(p[r["parameter"]], 5),
-            text(r["unit"]),
-            f"<code>{r['parameter']}</code>",
+            r["unit"],
+            markup("<code>{}</code>", r['parameter']),
         ]
         for r in [*facts.table_1, *facts.elsewhere]
     ]
@@ -138,12 +125,12 @@ def _tables(work: Reproduction) -> str:
     )
     rows = [
         [
-            text(r["symbol"]),
-            text(PARAMETERS[r["parameter"]].meaning),
-            text(r["why"]),
+            r["symbol"],
+            PARAMETERS[r["parameter"]].meaning,
+            r["why"],
             number(p[r["parameter"]], 5),
             PARAMETERS[r["parameter"]].unit,
-            f"<code>{r['parameter']}</code>",
+            markup("<code>{}</code>", r['parameter']),
         ]
         for r in facts.assumed
     ]
@@ -156,8 +143,8 @@ def _tables(work: Reproduction) -> str:
         fit = work.identified.fit
         rows.append(
             [
-                text(r["symbol"]),
-                text(r["meaning"]),
+                r["symbol"],
+                r["meaning"],
                 number(r["before"], 5),
                 number(r["after"], 5),
                 sized(float(fit.values[i]), float(fit.std[i])),
@@ -168,7 +155,7 @@ def _tables(work: Reproduction) -> str:
         ["Symbol", "Meaning", "Before", "After", "Found again", "by Nelder–Mead"], rows,
         f"Table 2, and what the fit finds from the paper's starting values, given four distances simulated at the published ones (± {100 * STD:g} cm)", words=2,
     )  # fmt: skip
-    return f'{printed}{assumed}{second}<p class="soft">The four distances the paper fitted are not available here.</p>'
+    return markup('{}{}{}<p class="soft">The four distances the paper fitted are not available here.</p>', printed, assumed, second)
 
 
 # ---------------------------------------------------------------- figures
@@ -179,31 +166,30 @@ def _figures(page: Page, work: Reproduction) -> str:
     orbit = r.figure_4
     seven, ten = figures.figure_7(r), figures.figure_10(r)
     blocks = [
-        (figures.figure_2(r), "<b>Figure 2.</b> Lift and drag of a track circuit over ωL/R."),
+        (figures.figure_2(r), markup("<b>Figure 2.</b> Lift and drag of a track circuit over ωL/R.")),
         (
             figures.figure_4(r),
-            f"<b>Figure 4.</b> 1-DOF at 20 m/s, η = 1, let go at 10 mm: closed. Period {orbit.period:.4f} s, {100 * orbit.low:.3f}–{100 * orbit.high:.3f} cm, ±{orbit.fastest:.4f} m/s; "
-            f"20 swings lose {abs(1e9 * orbit.lost):.2g} nm.",
+            markup("<b>Figure 4.</b> 1-DOF at 20 m/s, η = 1, let go at 10 mm: closed. Period {:.4f} s, {:.3f}–{:.3f} cm, ±{:.4f} m/s; 20 swings lose {:.2g} nm.", orbit.period, 100 * orbit.low, 100 * orbit.high, orbit.fastest, abs(1000000000.0 * orbit.lost)),
         ),
         (
             figures.figure_5(r),
-            f"<b>Figure 5.</b> Net lift with all gaps at 10 mm, where it never carries the weight of {r.weight:.1f} N, and the gap on which it does.",
+            markup("<b>Figure 5.</b> Net lift with all gaps at 10 mm, where it never carries the weight of {:.1f} N, and the gap on which it does.", r.weight),
         ),
         (
             figures.figure_6(r),
-            "<b>Figure 6.</b> Travel in 2 s. Below the critical speed the cradle stops, above it it runs away: the averaged thrust grows with the speed.",
+            markup("<b>Figure 6.</b> Travel in 2 s. Below the critical speed the cradle stops, above it it runs away: the averaged thrust grows with the speed."),
         ),
-        (seven[0], "<b>Figure 7a.</b> 2-DOF from 15.5 m/s: heave."),
-        (seven[1], "<b>Figure 7b.</b> Travel and speed."),
+        (seven[0], markup("<b>Figure 7a.</b> 2-DOF from 15.5 m/s: heave.")),
+        (seven[1], markup("<b>Figure 7b.</b> Travel and speed.")),
         (
             seven[2],
-            "<b>Figure 7c.</b> Forces; drag is three times the lift. The contact carries the weight at the end.",
+            markup("<b>Figure 7c.</b> Forces; drag is three times the lift. The contact carries the weight at the end."),
         ),
-        (ten[0], "<b>Figure 10a.</b> 4-DOF, 4 mm off the centre at −0.1 m/s: slip."),
-        (ten[1], "<b>Figure 10b.</b> Roll moment of the magnets."),
-        (ten[2], "<b>Figure 10c.</b> Roll."),
+        (ten[0], markup("<b>Figure 10a.</b> 4-DOF, 4 mm off the centre at −0.1 m/s: slip.")),
+        (ten[1], markup("<b>Figure 10b.</b> Roll moment of the magnets.")),
+        (ten[2], markup("<b>Figure 10c.</b> Roll.")),
     ]
-    return '<div class="two">' + "".join(page.figure(f, caption) for f, caption in blocks) + "</div>"
+    return markup('<div class="two">') + joined(page.figure(f, caption) for f, caption in blocks) + markup("</div>")
 
 
 # ---------------------------------------------------------------- stability
@@ -213,13 +199,7 @@ def _stability(page: Page, work: Reproduction) -> str:
     c = work.claims
     m = c.at_critical_speed
     words = (
-        f"<p>The model made linear about steady flight, the drive current trimmed so that thrust equals drag. "
-        f"<b>“No inherent damping in lift”</b> is exact while the speed is held. With the speed free, surge–heave coupling damps heave by {m.coupling_damping:.2f} N·s/m at the critical speed "
-        f"({100 * m.coupling_damping / (2 * np.sqrt(m.heave_stiffness * work.model.parameters['mass'])):.2g} % of critical damping). "
-        f"A coil current that takes its time adds damping below R/kL = {c.beyond['corner_speed']:.2f} m/s and removes it above (it changes sign at {c.beyond['current_sign_change']:.2f} m/s here), "
-        f"as Post and Ryutov found; together they leave heave unstable above {c.beyond['both_sign_change']:.1f} m/s.</p>"
-        f"<p><b>“Stable in travel”</b> does not hold at any steady speed: an error grows, at the critical speed by {m.growth:.2f} 1/s. "
-        f"<b>“Strong concentric force”</b>: sway is stiff, {number(m.sway_stiffness, 3)} N/m, a quarter of heave; with it the lateral motions are stable and undamped too.</p>"
+        markup("<p>The model made linear about steady flight, the drive current trimmed so that thrust equals drag. <b>“No inherent damping in lift”</b> is exact while the speed is held. With the speed free, surge–heave coupling damps heave by {:.2f} N·s/m at the critical speed ({:.2g} % of critical damping). A coil current that takes its time adds damping below R/kL = {:.2f} m/s and removes it above (it changes sign at {:.2f} m/s here), as Post and Ryutov found; together they leave heave unstable above {:.1f} m/s.</p><p><b>“Stable in travel”</b> does not hold at any steady speed: an error grows, at the critical speed by {:.2f} 1/s. <b>“Strong concentric force”</b>: sway is stiff, {} N/m, a quarter of heave; with it the lateral motions are stable and undamped too.</p>", m.coupling_damping, 100 * m.coupling_damping / (2 * np.sqrt(m.heave_stiffness * work.model.parameters['mass'])), c.beyond['corner_speed'], c.beyond['current_sign_change'], c.beyond['both_sign_change'], m.growth, number(m.sway_stiffness, 3))
     )
     rows = [
         [f"{q.speed:g}", f"{1e3 * q.gap:.3f}", f"{q.drive_current:,.0f}", f"{q.heave_stiffness:,.0f}", f"{q.sway_stiffness:,.0f}", f"{q.roll_stiffness:.1f}",
@@ -227,8 +207,8 @@ def _stability(page: Page, work: Reproduction) -> str:
          _signed(q.coupling_damping), _signed(q.current_damping), _signed(q.both_damping), _signed(q.growth)]
         for q in work.modes_shown
     ]  # fmt: skip
-    header = ["Speed<br>m/s", "Gap<br>mm", "Trim<br>A", "Heave<br>N/m", "Sway<br>N/m", "Roll<br>N·m/rad", "Heave<br>Hz", "Roll<br>Hz", "Sway<br>Hz",
-              "Coupling<br>N·s/m", "Current<br>N·s/m", "Both<br>N·s/m", "Growth<br>1/s"]  # fmt: skip
+    header = [markup("Speed<br>m/s"), markup("Gap<br>mm"), markup("Trim<br>A"), markup("Heave<br>N/m"), markup("Sway<br>N/m"), markup("Roll<br>N·m/rad"), markup("Heave<br>Hz"), markup("Roll<br>Hz"), markup("Sway<br>Hz"),
+              markup("Coupling<br>N·s/m"), markup("Current<br>N·s/m"), markup("Both<br>N·s/m"), markup("Growth<br>1/s")]  # fmt: skip
     numbers = table(header, rows, "Stiffness, natural frequencies, damping in heave by cause, growth of a speed error")
     plots = [
         (figures.damping(c, work.modes), "Damping in heave. Below zero a swing grows."),
@@ -240,7 +220,7 @@ def _stability(page: Page, work: Reproduction) -> str:
             "An error of the speed grows at every speed: steady flight needs a controller.",
         ),
     ]
-    return words + numbers + '<div class="two">' + "".join(page.figure(f, t) for f, t in plots) + "</div>"
+    return words + numbers + markup('<div class="two">') + joined(page.figure(f, t) for f, t in plots) + markup("</div>")
 
 
 def _signed(value: float) -> str:
@@ -266,15 +246,12 @@ def _identification(page: Page, work: Reproduction) -> str:
     )  # fmt: skip
     far = np.max(np.abs(good.fit.nelder_mead / good.fit.values - 1))
     words = (
-        f"<p>Distances of 2 s are simulated at the published η and γ, noise is added, and both methods start from the paper's η = 1, γ = 3. "
-        f"From {_starts(SPEEDS)} m/s and ± {100 * STD:g} cm: {raised(good.words)} Least squares and Nelder–Mead agree to {number(float(far), 1)} of the values "
-        f"({good.fit.evaluations['least squares']} and {good.fit.evaluations['Nelder–Mead']} evaluations).</p>"
-        f"<p>In {len(found)} such identifications the stated 95 % interval held the true η {held['eta']} times and the true γ {held['gamma']} times.</p>"
+        markup("<p>Distances of 2 s are simulated at the published η and γ, noise is added, and both methods start from the paper's η = 1, γ = 3. From {} m/s and ± {:g} cm: {} Least squares and Nelder–Mead agree to {} of the values ({} and {} evaluations).</p><p>In {} such identifications the stated 95 % interval held the true η {} times and the true γ {} times.</p>", _starts(SPEEDS), 100 * STD, raised(good.words), number(float(far), 1), good.fit.evaluations['least squares'], good.fit.evaluations['Nelder–Mead'], len(found), held['eta'], held['gamma'])
     )
-    warning = f'<div class="box"><b>Four distances may also say little.</b> From {_starts(FLAT_SPEEDS)} m/s, which all touch down, known to ± {FLAT_STD:g} m: {raised(flat.words)}</div>'
+    warning = markup('<div class="box"><b>Four distances may also say little.</b> From {} m/s, which all touch down, known to ± {:g} m: {}</div>', _starts(FLAT_SPEEDS), FLAT_STD, raised(flat.words))
     return (
         words
-        + '<div class="two">'
+        + markup('<div class="two">')
         + page.figure(
             profiles(good.profiles, values),
             f"Profile likelihood from {_starts(SPEEDS)} m/s, ± {100 * STD:g} cm; green: the 95 % interval.",
@@ -283,15 +260,15 @@ def _identification(page: Page, work: Reproduction) -> str:
             figures.answers(found, values, good),
             f"{len(found)} simulated identifications, and the ellipse that one of them states.",
         )
-        + "</div>"
+        + markup("</div>")
         + warning
         + page.figure(
             profiles(flat.profiles, values),
             f"Profile likelihood from {_starts(FLAT_SPEEDS)} m/s, ± {FLAT_STD:g} m: wide, and not a parabola.",
         )
         + choices
-        + "<p class='soft'>An initial speed that is off by 0.01 m/s moves the distance near the critical speed by "
-        + f"{work.speed_error:.2g} m: there the speeds must be known far better than the distances.</p>"
+        + markup("<p class='soft'>An initial speed that is off by 0.01 m/s moves the distance near the critical speed by ")
+        + markup("{:.2g} m: there the speeds must be known far better than the distances.</p>", work.speed_error)
     )
 
 
@@ -301,7 +278,7 @@ def _starts(speeds: Sequence[float]) -> str:
 
 def _combination(p: Precision) -> str:
     parts = sorted(zip(FREE, p.valley.best_exponents, strict=True), key=lambda item: -item[1])
-    return " · ".join(SYMBOL[n] + ("" if abs(e - 1) < 5e-3 else f"<sup>{number(e, 2)}</sup>") for n, e in parts)
+    return joined((SYMBOL[n] + ("" if abs(e - 1) < 5e-3 else markup("<sup>{}</sup>", number(e, 2))) for n, e in parts), " · ")
 
 
 # ---------------------------------------------------------------- air and drive
@@ -315,10 +292,7 @@ def _air(work: Reproduction) -> str:
     ]  # fmt: skip
     at_20, at_40 = work.claims.air[1], work.claims.air[2]
     words = (
-        "<p>The paper's skin friction (14)–(16), as the effect <code>skin_friction_drag</code>, with 1 m² of wetted area (the paper prints none; force and effect are proportional to it). "
-        f"<b>Negligible against the magnetic drag up to 20 m/s</b> ({100 * at_20.friction / at_20.magnetic_drag:.1f} %), "
-        f"less so at 40 m/s ({100 * at_40.friction / at_40.magnetic_drag:.1f} %), where magnetic drag has fallen. "
-        "Against a rig's sensors it is not: half a millimetre of travel shows it in any of these runs.</p>"
+        markup("<p>The paper's skin friction (14)–(16), as the effect <code>skin_friction_drag</code>, with 1 m² of wetted area (the paper prints none; force and effect are proportional to it). <b>Negligible against the magnetic drag up to 20 m/s</b> ({:.1f} %), less so at 40 m/s ({:.1f} %), where magnetic drag has fallen. Against a rig's sensors it is not: half a millimetre of travel shows it in any of these runs.</p>", 100 * at_20.friction / at_20.magnetic_drag, 100 * at_40.friction / at_40.magnetic_drag)
     )
     header = [
         "Speed (m/s)",
@@ -345,18 +319,14 @@ def _drive(page: Page, work: Reproduction) -> str:
     ]
     high = {v: f"{100 * (1 - q):.2g} %" for v, q in test.mean_at.items()}
     words = (
-        f"<p><b>The averaged law (39) is within 1 % of the pulses' mean thrust up to {test.good_to:.0f} m/s</b> with τ = 600 µs (half the pulse length: twice the speed). It is {high[15.5]} high at 15.5 m/s, "
-        f"{high[40.0]} at 40 and {high[80.0]} at 80 m/s, because the field turns while a pulse lasts. "
-        "Firing late matters more: the factor is cos(kvδ), and later than a quarter wavelength of travel the drive brakes. "
-        "The factors cos(ωτ/2)/(1 − (ωτ/π)²) and cos(ωδ) (lines; the effects <code>finite_pulse_width</code> and <code>firing_delay</code>) give the pulses' mean (dots) to a part in a thousand: "
-        "averaging does little harm, leaving those factors out does. Near the critical speed 1 % of thrust decides between touching down and running away.</p>"
+        markup("<p><b>The averaged law (39) is within 1 % of the pulses' mean thrust up to {:.0f} m/s</b> with τ = 600 µs (half the pulse length: twice the speed). It is {} high at 15.5 m/s, {} at 40 and {} at 80 m/s, because the field turns while a pulse lasts. Firing late matters more: the factor is cos(kvδ), and later than a quarter wavelength of travel the drive brakes. The factors cos(ωτ/2)/(1 − (ωτ/π)²) and cos(ωδ) (lines; the effects <code>finite_pulse_width</code> and <code>firing_delay</code>) give the pulses' mean (dots) to a part in a thousand: averaging does little harm, leaving those factors out does. Near the critical speed 1 % of thrust decides between touching down and running away.</p>", test.good_to, high[15.5], high[40.0], high[80.0])
     )
     header = [
         "Initial speed (m/s)",
         "Averaged: travel in 1 s (m)",
         "By pulses (m)",
         "",
-        "By pulses, against averaged<br>with finite pulse width (mm)",
+        markup("By pulses, against averaged<br>with finite pulse width (mm)"),
     ]
     note = "Free runs. Pulse by pulse, the half sine is scaled so that at small kvτ its mean is (39)'s: see the impulse of a pulse above."
     return (

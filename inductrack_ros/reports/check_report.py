@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from ..checks.check import Check
-from ..checks.finding import IMPOSSIBLE, NOTE, SET_ASIDE, WARNING, Finding
+from ..checks.finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding
 from ..core.state import UNITS
 from ..data import Run
-from .page import Figure, Page, findings_list, packed, severity_word, table, text
+from .page import Figure, Page, findings_list, joined, markup, packed, severity_word, table
 from .words import in_channel, listed, number, shown, title
 
 TONES = {"clean": "good", "usable": "warn", "impossible": "bad"}
@@ -32,7 +32,7 @@ def check_report(result: Check) -> str:
     page.section("Findings", _findings(result))
     pictures = [_picture(page, result, f) for f in result.findings]
     if shown_ := [p for p in pictures if p][:PICTURES]:
-        page.section("Where", "".join(shown_))
+        page.section("Where", joined(shown_))
     page.section("Channels", _channels(result))
     page.section("Runs", _runs(result))
     return page.render()
@@ -65,9 +65,9 @@ def _lead(result: Check) -> str:
     said = result.findings[:SAID]
     if not said:
         channels = listed([title(c).lower() for c in result.channels])
-        return f"<p>Looked at: clocks, single samples, sensors, noise, and whether {text(channels)} fit each other and the model's motion.</p>"
+        return markup("<p>Looked at: clocks, single samples, sensors, noise, and whether {} fit each other and the model's motion.</p>", channels)
     more = len(result.findings) - len(said)
-    rest = f'<p><a href="#findings">{more} more</a></p>' if more else ""
+    rest = markup('<p><a href="#findings">{} more</a></p>', more) if more else ""
     return findings_list(said) + rest
 
 
@@ -76,9 +76,9 @@ def _lead(result: Check) -> str:
 
 def _findings(result: Check) -> str:
     if not result.findings:
-        return "<p>None.</p>"
+        return markup("<p>None.</p>")
     rows = [
-        [severity_word(f), text(title(f.channel)) if f.channel in UNITS else text(f.run or "–"), text(f.text), text(f.remedy or "–")]
+        [severity_word(f), title(f.channel) if f.channel in UNITS else f.run or "–", f.text, f.remedy or "–"]
         for f in result.findings
     ]
     return table(["", "where", "what", "what to do"], rows, words=4)
@@ -125,7 +125,7 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
         "yaxis": {"title": f"{title(finding.channel).lower()}, {unit}"},
         "margin": {"t": 10},
     }
-    return page.figure(Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{text(name)}: {text(finding.text)}.")
+    return page.figure(Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{name}: {finding.text}.")
 
 
 def _dots(run: Run, rows: np.ndarray, values: np.ndarray, colour: str, name: str) -> dict[str, object]:
@@ -143,7 +143,7 @@ def _channels(result: Check) -> str:
         missing = sum(len(run.times) for run in runs) - about.count
         rows.append(
             [
-                text(title(channel)),
+                title(channel),
                 f"{about.count}",
                 f"{missing}" if missing else "–",
                 f"{number(about.low * shown(channel)[0])} … {in_channel(channel, about.high)}",
@@ -162,7 +162,7 @@ def _runs(result: Check) -> str:
         steps = np.diff(run.times)
         rows.append(
             [
-                text(run.name),
+                run.name,
                 "pulses" if run.pulses is not None else f"{run.drive_current:g} A",
                 f"{len(run.times)}",
                 f"{number(run.duration)} s",

@@ -12,7 +12,7 @@ from ..core.flight import AT_REST
 from ..core.model import Model
 from ..core.state import STATES
 from .explorer import RunTraces, Trace, explorer
-from .page import Figure, Page, folded, table, text
+from .page import Figure, Page, bullets, folded, joined, markup, table
 from .words import effect_name, in_channel, listed, number, ratio, shown, title
 
 #: Up to here the error is the noise's, give or take chance and estimated noise; above the second the model is off.
@@ -92,21 +92,22 @@ def _lead(result: Comparison) -> str:
     within = [title(c).lower() for c in errors if errors[c] <= NOISE_ALONE]
     points = []
     if within and result.error > NOISE_ALONE:
-        points.append(f"Within noise: {text(listed(within))}.")
+        points.append(f"Within noise: {listed(within)}.")
     if result.error > NOISE_ALONE:
         times = [r.holds_for for r in result.runs if r.holds_for is not None]
         if times:
             whole = len(result.runs) - len(times)
             tail = f"; {whole} of {len(result.runs)} runs never leave it" if whole else ""
-            points.append(f"Predictions leave the noise after {number(min(times), 2)}–{number(max(times), 2)} s{tail}.")
+            span = dict.fromkeys((number(min(times), 2), number(max(times), 2)))
+            points.append(f"Predictions leave the noise after {'–'.join(span)} s{tail}.")
         if place := _outstanding(result):
-            points.append(f"<strong>{text(place)}</strong> (when restarted every {WINDOW:g} s).")
-    points.append(text(model_words(result)))
+            points.append(markup("<strong>{}</strong> (when restarted every {:g} s).", place, WINDOW))
+    points.append(model_words(result))
     if result.error > NOISE_ALONE:
         points.append(
-            "<code>inductrack diagnose</code> refits the parameters and says which effect is missing, if one is."
+            markup("<code>inductrack diagnose</code> refits the parameters and says which effect is missing, if one is.")
         )
-    return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
+    return bullets(points)
 
 
 def _outstanding(result: Comparison) -> str:
@@ -207,44 +208,41 @@ def _about(r: RunComparison) -> str:
 
 def _where(page: Page, result: Comparison) -> str:
     restarted = any(s.restarted is not None for s in result.stretches)
-    figures = "".join(
+    figures = joined(
         page.figure(_stretch_figure(of_kind, by, result.error <= NOISE_ALONE))
         for by in _BY
         if len(of_kind := [s for s in result.stretches if s.by == by]) > 1
     )
     meaning = (
-        f"<p><strong>Open loop</strong>, an error stays once it is made. <strong>Restarted</strong> every "
-        f"{WINDOW:g} s from a state fitted to that window, only what goes wrong there and then is left: it points at "
-        "the place, the speed or the touch where the model fails. An error that is small everywhere and only adds up "
-        "(a little drag) shows in the open loop alone.</p>"
+        markup("<p><strong>Open loop</strong>, an error stays once it is made. <strong>Restarted</strong> every {:g} s from a state fitted to that window, only what goes wrong there and then is left: it points at the place, the speed or the touch where the model fails. An error that is small everywhere and only adds up (a little drag) shows in the open loop alone.</p>", WINDOW)
         if restarted
-        else "<p>Open loop: an error stays once it is made.</p>"
+        else markup("<p>Open loop: an error stays once it is made.</p>")
     )
     channels = result.channels
     rows = [
         [
-            text(_BY[s.by][0]),
-            text(_stretch_name(s)),
+            _BY[s.by][0],
+            _stretch_name(s),
             f"{s.samples}",
-            f"<strong>{ratio(s.error)}</strong>",
+            markup("<strong>{}</strong>", ratio(s.error)),
             ratio(s.restarted),
             *(_both(s, c) for c in channels),
         ]
         for s in result.stretches
     ]
-    header = ["Stretch", "", "Samples", "All channels", "Restarted", *(text(title(c)) for c in channels)]
+    header = ["Stretch", "", "Samples", "All channels", "Restarted", *(title(c) for c in channels)]
     numbers = table(
         header,
         rows,
         "RMS error over noise of all samples in the stretch, all runs together; in brackets restarted.",
         words=2,
     )
-    return meaning + f'<div class="two">{figures}</div>' + folded("The same as a table, per channel", numbers)
+    return meaning + markup('<div class="two">{}</div>', figures) + folded("The same as a table, per channel", numbers)
 
 
 def _both(s: Stretch, channel: str) -> str:
     afresh = s.restarted_errors.get(channel)
-    tail = f' <span class="soft">({ratio(afresh)})</span>' if afresh is not None else ""
+    tail = markup(' <span class="soft">({})</span>', ratio(afresh)) if afresh is not None else ""
     return ratio(s.errors.get(channel)) + tail
 
 
@@ -310,21 +308,21 @@ def _runs(result: Comparison) -> str:
         holds = "to its end" if r.holds_for is None else f"{number(r.holds_for, 2)} s"
         errors, rmse = r.errors, r.rmse
         cells = [
-            f'{ratio(errors[c])} <span class="soft">({text(in_channel(c, rmse[c], 2))})</span>' if c in errors else "–"
+            markup('{} <span class="soft">({})</span>', ratio(errors[c]), in_channel(c, rmse[c], 2)) if c in errors else "–"
             for c in channels
         ]
-        about = text(_about(r))
+        about = _about(r)
         rows.append(
             [
-                text(r.run.name),
+                r.run.name,
                 about,
                 f"{number(r.run.duration, 3)} s",
-                f"<strong>{ratio(r.error)}</strong>",
+                markup("<strong>{}</strong>", ratio(r.error)),
                 *cells,
                 holds,
             ]
         )
-    header = ["Run", "Start, drive", "Length", "All", *(text(title(c)) for c in channels), "Holds for"]
+    header = ["Run", "Start, drive", "Length", "All", *(title(c) for c in channels), "Holds for"]
     caption = (
         "RMS error over noise, in brackets in its own unit. A prediction holds until its RMS error over "
         f"{HOLDS_SAMPLES} samples exceeds {HOLDS_LIMIT:g} × noise."
@@ -337,18 +335,18 @@ def _basis(result: Comparison) -> str:
         ["Channel", "Noise (standard deviation)", ""],
         [
             [
-                text(title(c)),
-                text(in_channel(c, s)),
+                title(c),
+                in_channel(c, s),
                 "given in campaign.yaml" if c in result.noise_given else "estimated from the data",
             ]
             for c, s in result.noise.items()
         ],
     )
     states = table(
-        ["Run", *(f"{text(title(s))}, {shown(s)[1]}" for s in STATES)],
+        ["Run", *(f"{title(s)}, {shown(s)[1]}" for s in STATES)],
         [
             [
-                text(r.run.name),
+                r.run.name,
                 *(number(r.initial_state[s] * shown(s)[0], 4) + ("" if s in r.estimated else " *") for s in STATES),
             ]
             for r in result.runs
@@ -357,15 +355,15 @@ def _basis(result: Comparison) -> str:
     )
     parameters = table(
         ["Parameter", "Value"],
-        [[text(k), text(number(v, 6))] for k, v in result.model.to_mapping().items() if isinstance(v, float)],
+        [[k, number(v, 6)] for k, v in result.model.to_mapping().items() if isinstance(v, float)],
     )
     contact = (
         f"Slower than {AT_REST:g} m/s counts as rest; an array touches where its gap is within two noises of zero."
     )
     return (
         noise
-        + "<p class='soft'>Speed, gap, place and contact are as measured where they were measured, else as predicted. "
-        + f"{contact}</p>"
+        + markup("<p class='soft'>Speed, gap, place and contact are as measured where they were measured, else as predicted. ")
+        + markup("{}</p>", contact)
         + folded("Initial states", states)
         + folded("Parameters of the model", parameters)
     )

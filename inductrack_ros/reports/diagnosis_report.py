@@ -14,7 +14,7 @@ from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import CHANNELS, UNITS
 from ..diagnosis.result import OF_THRUST, Diagnosis, Limit, Rival, Step, Unknown
 from .explorer import RunTraces, Trace, explorer
-from .page import Figure, Page, folded, packed, table, text
+from .page import Figure, Page, bullets, folded, joined, markup, packed, table
 from .words import counted, effect_name, in_channel, listed, number, ratio, sized, title
 
 TONES = {"adequate": "good", "missing_effect": "bad", "unknown_effect": "warn"}
@@ -63,7 +63,7 @@ def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str]
     if result.rivals:
         page.section("Rivals", _rivals(result))
     if chosen := [r for r in result.rivals if r.chosen and r.where]:
-        page.section("Where it was decided", "".join(_where(page, r) for r in chosen))
+        page.section("Where it was decided", joined(_where(page, r) for r in chosen))
     page.section("Before and after" if len(result.steps) > 1 else "Error by channel", _before_and_after(result))
     if result.limits and result.verdict != "adequate":
         page.section("What would have shown", _limits(result))
@@ -139,19 +139,19 @@ def _lead(result: Diagnosis) -> str:
         after = f"Error over noise is {ratio(math.sqrt(first.reduced_chi2))} after the fit"
         points.append(f"{after}{held if _finite(first.heldout_nrmse) else ''}.")
     sizes = [
-        f"{text(_full_symbol(n))} <strong class='num'>{text(_size(result, n))}</strong>"
+        markup("{} <strong class='num'>{}</strong>", _full_symbol(n), _size(result, n))
         for n in _shown_parameters(result)
         if "." in n
     ]
     if sizes:
-        points += [f"{size[:1].upper()}{size[1:]}." for size in sizes]
+        points += [markup("{}{}.", size[:1].upper(), size[1:]) for size in sizes]
     if result.unknown is not None:
-        points += [text(other)] if (other := _not_on(result)) else []
+        points += [other] if (other := _not_on(result)) else []
     for effect, rivals in result.indistinguishable.items():
         others = listed([effect_name(r) for r in rivals], "or")
-        points.append(f"These data cannot tell {text(effect_name(effect))} from {text(others)}.")
-    points += [f"Note: {text(note)}." for note in result.notes]
-    return "<ul>" + "".join(f"<li>{p}</li>" for p in points) + "</ul>"
+        points.append(f"These data cannot tell {effect_name(effect)} from {others}.")
+    points += [f"Note: {note}." for note in result.notes]
+    return bullets(points)
 
 
 def _most(first: Step, last: Step) -> str:
@@ -329,15 +329,15 @@ def _limit_size(result: Diagnosis, limit: Limit) -> str:
 def _open(result: Diagnosis) -> str:
     parts = []
     for effect, rivals in result.indistinguishable.items():
-        names = listed([f"<strong>{text(effect_name(r))}</strong>" for r in rivals], "or")
+        names = joined([markup("<strong>{}</strong>", effect_name(r)) for r in rivals], " or ")
         parts.append(
-            f"<p>Instead of <strong>{text(effect_name(effect))}</strong> it could be {names}: these data fit both.</p>"
+            markup("<p>Instead of <strong>{}</strong> it could be {}: these data fit both.</p>", effect_name(effect), names)
         )
     if result.next_experiment:
-        apart = [f"{text(effect_name(n))}: {number(s, 2)} standard deviations" for n, s in (result.proposal.sigmas.items() if result.proposal else ())]
-        tail = f"<br>Expected difference from {'; from '.join(apart)}." if apart else ""
-        parts.append(f'<div class="box"><strong>Next experiment.</strong> {text(result.next_experiment)}{tail}</div>')
-    return "".join(parts)
+        apart = [f"{effect_name(n)}: {number(s, 2)} standard deviations" for n, s in (result.proposal.sigmas.items() if result.proposal else ())]
+        tail = markup("<br>Expected difference from {}.", '; from '.join(apart)) if apart else ""
+        parts.append(markup('<div class="box"><strong>Next experiment.</strong> {}{}</div>', result.next_experiment, tail))
+    return joined(parts)
 
 
 def _variants(result: Diagnosis) -> list[tuple[str, ...]]:
@@ -377,8 +377,7 @@ def _try_it(page: Page, result: Diagnosis) -> str:
     if len(variants) == 1:
         return html
     return (
-        "<p>Switch an effect off and see which measurements need it. Each combination was fitted beforehand: "
-        f"its parameters and initial states are the best it can do.</p>{html}"
+        markup("<p>Switch an effect off and see which measurements need it. Each combination was fitted beforehand: its parameters and initial states are the best it can do.</p>{}", html)
     )
 
 
@@ -387,13 +386,12 @@ def _rivals(result: Diagnosis) -> str:
     for beside in dict.fromkeys(r.beside for r in result.rivals):
         round_ = sorted((r for r in result.rivals if r.beside == beside), key=lambda r: (not r.chosen, -r.chi2_fall))
         if beside:
-            parts.append(f"<h3>With {text(listed([effect_name(b) for b in beside]))} in the model</h3>")
+            parts.append(markup("<h3>With {} in the model</h3>", listed([effect_name(b) for b in beside])))
         parts.append(_rival_table(result, round_[:SHOWN]))
         if len(round_) > SHOWN:
             parts.append(folded(f"{len(round_) - SHOWN} more that do worse", _rival_table(result, round_[SHOWN:])))
     return (
-        "<p>Each was added and everything refitted. Its evidence is the fall in χ² beyond what chance alone gives to the best "
-        "of so many tried.</p>" + "".join(parts)
+        markup("<p>Each was added and everything refitted. Its evidence is the fall in χ² beyond what chance alone gives to the best of so many tried.</p>") + joined(parts)
     )
 
 
@@ -403,16 +401,16 @@ def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
     confused = {r for others in result.indistinguishable.values() for r in others}
     for r in rivals:
         style = "good-word" if r.chosen else "warn-word" if r.name in confused else ""
-        words = text(r.words or ("chosen" if r.chosen else ""))
-        sizes = "<br>".join(
-            f"<span class='num'>{text(_symbol(p))} {text(sized(v, r.std.get(p), _declared(result, _full(r.name, p)).unit))}</span>"
+        words = r.words or ("chosen" if r.chosen else "")
+        sizes = markup("<br>").join(
+            markup("<span class='num'>{} {}</span>", _symbol(p), sized(v, r.std.get(p), _declared(result, _full(r.name, p)).unit))
             for p, v in r.size.items()
             if "[" not in p
         )
         rows.append(
             [
-                f"{text(effect_name(r.name))}<br><span class='soft'>{text(_summary(result, r.name))}</span>",
-                f'<span class="{style}">{words}</span>' if style else words,
+                markup("{}<br><span class='soft'>{}</span>", effect_name(r.name), _summary(result, r.name)),
+                markup('<span class="{}">{}</span>', style, words) if style else words,
                 counted(r.chi2_fall),
                 counted(r.threshold),
                 *([ratio(r.heldout_nrmse)] if held else []),
@@ -450,8 +448,7 @@ def _where(page: Page, rival: Rival) -> str:
         label = f"Part of the evidence for {effect_name(rival.name)} by {by}"
         figures.append(page.figure(Figure([data], layout, label, 240, fixed=True)))
     return (
-        f"<h3>{text(effect_name(rival.name)[:1].upper() + effect_name(rival.name)[1:])}</h3><p>Which data ask for it, as shares of the fall in χ²: what only one run asks for is "
-        f'less certain than what all do.</p><div class="two">{"".join(figures)}</div>'
+        markup('<h3>{}</h3><p>Which data ask for it, as shares of the fall in χ²: what only one run asks for is less certain than what all do.</p><div class="two">{}</div>', effect_name(rival.name)[:1].upper() + effect_name(rival.name)[1:], joined(figures))
     )
 
 
@@ -461,14 +458,14 @@ def _before_and_after(result: Diagnosis) -> str:
     whole = [
         c
         for s in result.steps
-        for c in (f"<strong>{ratio(math.sqrt(s.reduced_chi2))}</strong>", f"<strong>{ratio(s.heldout_nrmse)}</strong>")
+        for c in (markup("<strong>{}</strong>", ratio(math.sqrt(s.reduced_chi2))), markup("<strong>{}</strong>", ratio(s.heldout_nrmse)))
     ]
     each = [
-        [text(title(c)), *(x for s in result.steps for x in (ratio(s.errors.get(c)), ratio(s.heldout_errors.get(c))))]
+        [title(c), *(x for s in result.steps for x in (ratio(s.errors.get(c)), ratio(s.heldout_errors.get(c))))]
         for c in channels
     ]
     channel_table = table(
-        ["", *(h for n in names for h in (text(n), "left out"))],
+        ["", *(h for n in names for h in (n, "left out"))],
         [["All channels", *whole], *each],
         "Error over noise on the runs of the fit, and on runs left out of it.",
     )
@@ -476,7 +473,7 @@ def _before_and_after(result: Diagnosis) -> str:
     both = [n for n in first.by_run if n in last.by_run]
     run_table = table(
         ["Run", "Before", "After"],
-        [[text(n), ratio(first.by_run[n]), f"<strong>{ratio(last.by_run[n])}</strong>"] for n in both],
+        [[n, ratio(first.by_run[n]), markup("<strong>{}</strong>", ratio(last.by_run[n]))] for n in both],
         "Error over noise of each run, all channels, fitted on all runs.",
     )
     return channel_table + (run_table if both and len(result.steps) > 1 else "")
@@ -487,10 +484,10 @@ def _limits(result: Diagnosis) -> str:
         ordered = sorted(limits, key=lambda x: (not _finite(_share(result, x)), _share(result, x)))
         return [
             [
-                f"{text(effect_name(x.name))}<br><span class='soft'>{text(_summary(result, x.name))}</span>",
-                text(_symbol(x.parameter)),
-                text(_limit_size(result, x)),
-                text(" ".join((number(_matters(result, x)[0], 2), _matters(result, x)[1]))),
+                markup("{}<br><span class='soft'>{}</span>", effect_name(x.name), _summary(result, x.name)),
+                _symbol(x.parameter),
+                _limit_size(result, x),
+                " ".join((number(_matters(result, x)[0], 2), _matters(result, x)[1])),
             ]
             for x in ordered
         ]
@@ -500,8 +497,7 @@ def _limits(result: Diagnosis) -> str:
     sensors = [x for x in result.limits if ":" in x.name]
     beside = "" if result.verdict == "adequate" else "beside what was found "
     return (
-        f"<p>Had one of these been there {beside}at this size, these data would have shown it. What is smaller may be there "
-        "unseen.</p>"
+        markup("<p>Had one of these been there {}at this size, these data would have shown it. What is smaller may be there unseen.</p>", beside)
         + (table(header, rows(cradle), words=2) if cradle else "")
         + (folded("Faults of sensors", table(header, rows(sensors), words=2)) if sensors else "")
     )
@@ -509,24 +505,24 @@ def _limits(result: Diagnosis) -> str:
 
 def _model(result: Diagnosis) -> str:
     rows = [
-        [f"<code>{text(n)}</code>", text(_size(result, n)), text(_declared(result, n).meaning)]
+        [markup("<code>{}</code>", n), _size(result, n), _declared(result, n).meaning]
         for n in _shown_parameters(result)
     ]
     noise = table(
         ["Channel", "Noise (standard deviation)", ""],
         [
-            [text(title(c)), text(in_channel(c, s)), "given" if c in result.noise_given else "estimated"]
+            [title(c), in_channel(c, s), "given" if c in result.noise_given else "estimated"]
             for c, s in result.noise.items()
         ],
     )
     tests = table(
         ["Test of what is left", "Statistic", "Degrees of freedom", "p of this test alone"],
-        [[text(t.name), number(t.statistic, 4), str(t.dof), number(t.p_value, 2)] for t in result.tests],
+        [[t.name, number(t.statistic, 4), str(t.dof), number(t.p_value, 2)] for t in result.tests],
     )
     return (
         table(["Parameter", "Value ± standard deviation", "Meaning"], rows, last_words=True)
-        + "<p>The improved model is <code>model.yaml</code>: <code>inductrack compare --model model.yaml</code> reads it, "
-        + "and the simulator node with <code>--params-file model.yaml</code>.</p>"
+        + markup("<p>The improved model is <code>model.yaml</code>: <code>inductrack compare --model model.yaml</code> reads it, ")
+        + markup("and the simulator node with <code>--params-file model.yaml</code>.</p>")
         + folded("Noise", noise)
         + (folded(f"Tests of what is left: together p = {number(result.p_value, 2)}", tests) if result.tests else "")
     )

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
-from .page import Page, packed, text
+from .page import Page, packed, parts
 from .words import effect_name, shown, title
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ def explorer(
     start: tuple[str, str] | None = None,
     words: tuple[str, str] = ("this model", "with the effects chosen"),
     well: bool = False,
-) -> str:
+) -> Markup:
     """HTML of the explorer.
 
     ``variants`` are the subsets of ``effects`` that were predicted, the first of them none; ``start`` is the run and
@@ -71,34 +72,9 @@ def explorer(
             "start": {"run": start[0] if start else runs[0].name, "channel": start[1] if start else channels[0]},
         },
     )
-    options = "".join(
-        f'<option value="{i}">{text(r.name)}{f" · {text(r.about)}" if r.about else ""}</option>'
-        for i, r in enumerate(runs)
-    )
-    choices = "".join(f'<option value="{c}">{text(title(c))}</option>' for c in channels)
-    switches = "".join(
-        f'<label><input type="checkbox" data-effect="{i}" checked> {text(effect_name(e))}</label>'
-        for i, e in enumerate(effects)
-    )
-    switches = f"<fieldset><legend>Effects added</legend>{switches}</fieldset>" if effects else ""
     thinned = max((len(t.times) for r in runs for t in r.traces.values()), default=0) > MOST
-    note = "Long runs are drawn with every second, third, … sample. " if thinned else ""
-    return f"""<div class="controls" id="explorer-controls">
-<label>Run <select id="explorer-run">{options}</select></label>
-<label>Channel <select id="explorer-channel">{choices}</select></label>
-{switches}</div>
-<p id="explorer-sentence" aria-live="polite"></p>
-{_plot("explorer-traces", "Measured and predicted values of the chosen run over time, and the error over noise", 460)}
-<p class="caption">Above, dots are measured, lines predicted from the run's initial state, open loop to its end. Below,
-measured minus predicted over the sensor's noise; the band is ±2. {note}</p>
-{_plot("explorer-errors", "Error over noise of each channel of the chosen run", 110 + 34 * len(channels))}"""
-
-
-def _plot(name: str, label: str, height: int) -> str:
-    return (
-        f'<figure><div class="plot" id="{name}" tabindex="0" role="img" aria-label="{label}" '
-        f'style="height:{height}px"></div></figure>'
-    )
+    named = [(c, title(c)) for c in channels]
+    return parts.explorer(runs, named, [effect_name(e) for e in effects], thinned, 110 + 34 * len(channels))
 
 
 def _trace(channel: str, trace: Trace) -> dict[str, object]:

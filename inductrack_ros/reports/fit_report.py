@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup, escape
 
 from ..estimation.identify import Fit, Profile, valley
 from ..estimation.misfits import SeriesMisfit, TravelMisfit, Travels
 from .fit_figures import distances, profiles
-from .page import Page, table, text
+from .page import Page, joined, markup, table
 from .words import SYMBOL, number, sized
 
 
@@ -76,7 +77,7 @@ def render(report: FitReport) -> str:
         kind="Identification",
         verdict=first.rstrip(".").replace("^-", "^−") + ".",
         tone="warn" if flat or fit.chance < 1e-4 else "good",
-        lead="".join(f"<p>{raised(s.rstrip('.'))}.</p>" for s in rest),
+        lead=joined(markup("<p>{}.</p>", raised(s.rstrip('.'))) for s in rest),
         notes=report.notes,
     )
     page.picture(
@@ -100,7 +101,7 @@ def _values(report: FitReport) -> str:
         declared = (report.travel or report.series).declared[i]
         simplex = _simplex(fit)[i]
         name = SYMBOL.get(p.name, "")
-        label = f"{name} <code>{text(p.name)}</code>"
+        label = markup("{} <code>{}</code>", name, p.name)
         rows.append(
             [
                 label,
@@ -115,16 +116,16 @@ def _values(report: FitReport) -> str:
     matrix = ""
     if len(names) > 1:
         rows = [
-            [text(n), *(f"{c:.4f}".replace("-", "−") for c in row)]
+            [n, *(f"{c:.4f}".replace("-", "−") for c in row)]
             for n, row in zip(names, fit.correlation, strict=True)
         ]
-        matrix = table(["Correlation", *map(text, names)], rows)
+        matrix = table(["Correlation", *names], rows)
     if fit.noise_known:
         noise = f"Misfit {number(fit.misfit, 5)} over {fit.degrees} degrees of freedom, the noise as stated (chance of more: {number(fit.chance, 2)})."
     else:
         noise = f"The noise was not stated; the residuals make it {number(fit.noise, 3)} m with {fit.degrees} degrees of freedom, and the intervals are as much wider (F distribution)."
     counts = ", ".join(f"{name} {n}" for name, n in fit.evaluations.items())
-    return values + matrix + f"<p class='soft'>{noise} Evaluations: {counts}.</p>"
+    return values + matrix + markup("<p class='soft'>{} Evaluations: {}.</p>", noise, counts)
 
 
 def _distances(page: Page, report: FitReport) -> str:
@@ -148,13 +149,13 @@ def _series(report: FitReport) -> str:
     for data, r in zip(
         problem.runs, problem.residuals(structure, structure.encode(report.fit.values), states), strict=True
     ):
-        rows.append([text(data.run.name), f"{len(r)}", f"{np.sqrt(np.nanmean(r**2)):.2f}"])
+        rows.append([data.run.name, f"{len(r)}", f"{np.sqrt(np.nanmean(r**2)):.2f}"])
     return (
         table(["Run", "Samples", "Error over noise"], rows)
-        + "<p class='soft'>Traces: <code>inductrack compare CAMPAIGN --model model.yaml</code>.</p>"
+        + markup("<p class='soft'>Traces: <code>inductrack compare CAMPAIGN --model model.yaml</code>.</p>")
     )
 
 
 def raised(sentence: str) -> str:
     """HTML of a sentence with exponents such as ^-0.98."""
-    return re.sub(r"\^(-?[\d.]+\d)", lambda m: f"<sup>{m[1].replace('-', '−')}</sup>", text(sentence))
+    return Markup(re.sub(r"\^(-?[\d.]+\d)", lambda m: f"<sup>{m[1].replace('-', '−')}</sup>", escape(sentence)))

@@ -7,17 +7,24 @@ reader's theme and does so again when the theme changes and when it is printed.
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from importlib import resources
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from ..checks import CALLED, IMPOSSIBLE, NOTE, SET_ASIDE, WARNING, Finding
 from ..core.plain_json import script_text
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("inductrack_ros.reports"), autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
+)
+#: Pieces of HTML by name, see `templates/parts.html`.
+parts: Any = _TEMPLATES.get_template("parts.html").module
 
 
 @dataclass(frozen=True)
@@ -51,31 +58,25 @@ class Page:
     findings: Sequence[Finding] = ()
     foot: str = ""
     _figures: list[Figure] = field(default_factory=list)
-    _parts: list[str] = field(default_factory=list)
-    _links: list[tuple[str, str]] = field(default_factory=list)
+    _sections: list[dict[str, str]] = field(default_factory=list)
     _data: dict[str, Any] = field(default_factory=dict)
     _scripts: list[str] = field(default_factory=list)
     _picture: str = ""
 
-    def figure(self, figure: Figure, caption: str = "") -> str:
-        """Register a figure and return the HTML that stands for it. ``caption`` is HTML."""
+    def figure(self, figure: Figure, caption: str = "") -> Markup:
+        """Register a figure and return the HTML that stands for it."""
         number = len(self._figures)
         self._figures.append(figure)
-        below = f"<figcaption>{caption}</figcaption>" if caption else ""
-        return (
-            f'<figure><div class="plot" id="plot-{number}" data-figure="{number}" tabindex="0" role="img" '
-            f'aria-label="{escape(figure.label)}" style="height:{figure.height}px"></div>{below}</figure>'
-        )
+        return parts.figure(f"plot-{number}", number, figure.label, figure.height, caption)
 
-    def picture(self, html: str) -> None:
+    def picture(self, html: Markup) -> None:
         """What stands beside the verdict on the first screen."""
         self._picture = html
 
-    def section(self, title: str, html: str, name: str = "") -> None:
-        """Add a section of evidence. ``html`` is trusted: escape what a user gave with `text`."""
+    def section(self, title: str, body: str, name: str = "") -> None:
+        """Add a section of evidence; in ``body`` only `Markup` is HTML."""
         name = name or "".join(c if c.isalnum() else "-" for c in title.lower()).strip("-")
-        self._links.append((name, title))
-        self._parts.append(f'<section id="{name}"><h2>{escape(title)}</h2>{html}</section>')
+        self._sections.append({"name": name, "title": title, "body": body})
 
     def script(self, file: str, name: str, data: Any) -> None:
         """Add a script of `static/`, which finds ``data`` under ``name``."""
@@ -86,47 +87,18 @@ class Page:
     def render(self) -> str:
         """The whole page."""
         figures = [{"data": f.data, "layout": f.layout, "fixed": f.fixed} for f in self._figures]
-        scripts = "".join(f"<script>{_static(name)}</script>\n" for name in ("page.js", *self._scripts))
-        links = "".join(f'<a href="#{name}">{escape(title)}</a>' for name, title in self._links)
-        data = {"figures": figures, **self._data}
-        return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{escape(self.title)} · {escape(self.kind)}</title>
-<link rel="icon" href="data:,">
-<style>{_static("page.css")}</style>
-</head>
-<body>
-<a class="skip" href="#evidence">Skip to the evidence</a>
-<header class="answer {escape(self.tone)}">
-<div class="words">
-<p class="kind">{escape(self.kind)} · {escape(self.title)}</p>
-<h1>{escape(self.verdict)}</h1>
-{_found(self.findings)}{self.lead}
-{_notes(self.notes)}</div>
-<div class="picture">{self._picture}</div>
-</header>
-<nav aria-label="Sections">{links}</nav>
-<main id="evidence">
-{"".join(self._parts)}
-</main>
-<footer>{self.foot}
-<p class="hint">Drag in a plot to zoom, double-click to go back. Keyboard: Tab to a plot, then + − ← → and 0.</p>
-</footer>
-<noscript><p class="hint">The plots need JavaScript; the sentences and tables do not.</p></noscript>
-<script type="application/json" id="data">{script_text(data)}</script>
-<script>{_plotly()}</script>
-{scripts}</body>
-</html>
-"""
-
-
-def text(value: object) -> str:
-    """HTML text of anything a user may have named."""
-    return escape(str(value))
+        said, rest = self.findings[:SAID], self.findings[SAID:]
+        return _TEMPLATES.get_template("page.html").render(
+            page=self,
+            picture=self._picture,
+            sections=self._sections,
+            findings=parts.findings([finding_words(f) for f in said], [finding_words(f) for f in rest]),
+            notes=parts.notes(self.notes),
+            style=Markup(_static("page.css")),
+            data=Markup(script_text({"figures": figures, **self._data})),
+            plotly=Markup(_plotly()),
+            scripts=[Markup(_static(name)) for name in ("page.js", *self._scripts)],
+        )
 
 
 def packed(values: ArrayLike) -> dict[str, str]:
@@ -135,25 +107,32 @@ def packed(values: ArrayLike) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(raw).decode("ascii")}
 
 
+def markup(html: str, *values: object) -> Markup:
+    """HTML with ``{}`` where values go; they are escaped unless they are Markup themselves."""
+    return Markup(html).format(*values)
+
+
+def joined(pieces: Iterable[object], between: str = "") -> Markup:
+    """Pieces one after another; what is not Markup is escaped."""
+    return Markup(between).join(pieces)
+
+
+def bullets(points: Sequence[object]) -> Markup:
+    """An HTML list."""
+    return parts.bullets(points)
+
+
 def table(
     header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", words: int = 1, last_words: bool = False
-) -> str:
-    """An HTML table; cells are HTML. The first ``words`` columns are set left, with ``last_words`` the last one too."""
+) -> Markup:
+    """An HTML table. The first ``words`` columns are set left, with ``last_words`` the last one too."""
     left = {*range(words), *([len(header) - 1] if last_words else [])}
-    align = [' class="word"' if i in left else "" for i in range(len(header))]
-    head = "".join(f'<th scope="col"{a}>{cell}</th>' for a, cell in zip(align, header, strict=True))
-    body = "".join(
-        "<tr>" + "".join(_cell(i, a, cell) for i, (a, cell) in enumerate(zip(align, row, strict=True))) + "</tr>"
-        for row in rows
-    )
-    about = f"<caption>{caption}</caption>" if caption else ""
-    inside = f"<table>{about}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    return f'<div class="scroll" tabindex="0" role="region" aria-label="table">{inside}</div>'
+    return parts.table(header, [{"cells": row} for row in rows], caption, left)
 
 
-def folded(summary: str, html: str) -> str:
+def folded(summary: str, body: str) -> Markup:
     """HTML that opens on demand (and in print)."""
-    return f"<details><summary>{escape(summary)}</summary>{html}</details>"
+    return parts.folded(summary, body)
 
 
 #: Findings in the head of a page before the rest is folded away.
@@ -161,36 +140,19 @@ SAID = 3
 _STYLES = {IMPOSSIBLE: "bad-word", SET_ASIDE: "warn-word", WARNING: "warn-word", NOTE: "soft"}
 
 
-def severity_word(finding: Finding) -> str:
+def severity_word(finding: Finding) -> Markup:
     """A finding's severity as HTML."""
-    return f'<span class="{_STYLES[finding.severity]}">{CALLED[finding.severity].capitalize()}</span>'
+    return markup('<span class="{}">{}</span>', _STYLES[finding.severity], CALLED[finding.severity].capitalize())
 
 
-def findings_list(findings: Sequence[Finding]) -> str:
+def finding_words(finding: Finding) -> Markup:
+    """A finding in one line, its severity first."""
+    return markup("{}: {}.", severity_word(finding), finding.line)
+
+
+def findings_list(findings: Sequence[Finding]) -> Markup:
     """HTML list of findings, in the order given."""
-    return "<ul>" + "".join(f"<li>{severity_word(f)}: {text(f.line)}.</li>" for f in findings) + "</ul>"
-
-
-def _found(findings: Sequence[Finding]) -> str:
-    """Findings in the head of a page, the first few in sight."""
-    if not findings:
-        return ""
-    rest = findings[SAID:]
-    more = folded(f"{len(rest)} more about the data", findings_list(rest)) if rest else ""
-    return f'<div class="findings">{findings_list(findings[:SAID])}{more}</div>\n'
-
-
-def _notes(notes: Sequence[str]) -> str:
-    """Notes in the head of a page, folded away where there are more than three."""
-    if not notes:
-        return ""
-    lines = "<ul>" + "".join(f"<li>{text(note)}</li>" for note in notes) + "</ul>"
-    summary = f"The data as read: {len(notes)} remarks"
-    return f'<div class="notes">{folded(summary, lines) if len(notes) > 3 else f"<p>The data as read:</p>{lines}"}</div>\n'
-
-
-def _cell(column: int, align: str, cell: str) -> str:
-    return f'<th scope="row"{align}>{cell}</th>' if column == 0 else f"<td{align}>{cell}</td>"
+    return bullets([finding_words(f) for f in findings])
 
 
 def _static(name: str) -> str:
@@ -198,6 +160,7 @@ def _static(name: str) -> str:
 
 
 def _plotly() -> str:
-    """plotly.js as the Python package ships it, with a ``</script`` inside a string kept from ending the element."""
-    script = resources.files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
-    return script.replace("</script", "<\\/script")
+    """plotly.js, with a ``</script`` inside a string kept from ending the element."""
+    from plotly.offline import get_plotlyjs  # half a second that only a page that is written needs
+
+    return get_plotlyjs().replace("</script", "<\\/script")
