@@ -5,7 +5,6 @@ from . import Parameter, effect
 
 @effect(
     changes="sample_time",
-    screened=False,
     parameters={"rate": Parameter(0.0, "", -0.1, 0.1, "relative error ε of the sensor's clock", "oscillators", typical=1e-4)},
 )
 def sensor_clock(sample_time, rate):

@@ -5,7 +5,6 @@ from . import Parameter, effect
 
 @effect(
     changes="measured",
-    screened=False,
     parameters={"time_constant": Parameter(0.0, "s", 0.0, 1.0, "time constant τ of the reading", "filters", typical=1e-3)},
     states={"reading": "measured"},
 )

@@ -16,7 +16,6 @@ def _piled_up(readings):
 @effect(
     changes="measured",
     starts=_piled_up,
-    screened=False,
     parameters={
         "limit": Parameter(
             math.inf, "", 1e-9, math.inf, "largest reading, in the channel's unit", "data sheets", typical=1.0, fit_as="1/x", per_channel="span"
