@@ -11,7 +11,7 @@ import numpy as np
 from ..comparison.result import rms
 from ..core.effects import split_name
 from ..core.parameters import PARAMETERS, Parameter
-from ..core.state import CHANNELS, UNITS
+from ..core.state import CHANNELS
 from ..diagnosis.result import OF_THRUST, Diagnosis, Limit, Rival, Step, Unknown
 from .explorer import RunTraces, Trace, explorer
 from .page import Figure, Page, bullets, folded, joined, markup, packed, table
@@ -276,7 +276,7 @@ def _unknown_figure(result: Diagnosis) -> Figure:
 
 def _limits_figure(result: Diagnosis) -> Figure:
     shares = {
-        x.name: _share(result, x) for x in result.limits if ":" not in x.name
+        x.name: _share(result, x) for x in result.limits if not _of_sensor(result, x.name)
     }  # a sensor's faults are in the table
     rows = sorted((x for x in result.limits if _finite(shares.get(x.name))), key=lambda x: -shares[x.name])
     data = {
@@ -310,11 +310,11 @@ def _share(result: Diagnosis, limit: Limit) -> float:
 
 
 def _matters(result: Diagnosis, limit: Limit) -> tuple[float, str]:
-    """A size at which an effect matters, with its unit; a sensor's bias matters from ten times its noise."""
-    base, _, channel = limit.name.partition(":")
-    if base == "sensor_bias" and channel in result.noise:
-        return 10 * result.noise[channel], UNITS[channel]
+    """A size at which an effect matters, with its unit; an error in a channel's unit matters from ten times its noise."""
+    channel = limit.name.partition(":")[2]
     declared = _declared(result, _full(limit.name, limit.parameter))
+    if declared.per_channel == "size" and channel in result.noise:
+        return 10 * result.noise[channel], declared.unit
     return abs(declared.typical or declared.default) or math.nan, declared.unit
 
 
@@ -493,8 +493,8 @@ def _limits(result: Diagnosis) -> str:
         ]
 
     header = ["Effect", "Parameter", "Would have shown", "A size that matters"]
-    cradle = [x for x in result.limits if ":" not in x.name]
-    sensors = [x for x in result.limits if ":" in x.name]
+    cradle = [x for x in result.limits if not _of_sensor(result, x.name)]
+    sensors = [x for x in result.limits if _of_sensor(result, x.name)]
     beside = "" if result.verdict == "adequate" else "beside what was found "
     return (
         markup("<p>Had one of these been there {}at this size, these data would have shown it. What is smaller may be there unseen.</p>", beside)
@@ -552,7 +552,12 @@ def _declared(result: Diagnosis, name: str) -> Parameter:
     effect, _, parameter = name.rpartition(".")
     if not effect:
         return PARAMETERS[name]
-    return split_name(effect, result.model.known_effects, CHANNELS)[0].parameters[parameter]
+    item, channel = split_name(effect, result.model.known_effects, CHANNELS)
+    return item.parameters[parameter].for_channel(channel) if channel else item.parameters[parameter]
+
+
+def _of_sensor(result: Diagnosis, name: str) -> bool:
+    return result.model.known_effects[name.partition(":")[0]].of_sensor
 
 
 def _symbol(name: str) -> str:
