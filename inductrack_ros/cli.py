@@ -115,8 +115,10 @@ def _read(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
     from .data import load_campaign
 
     campaign = load_campaign(arguments.campaign)
+    model = campaign.load_model(arguments.model, arguments.effects)
+    campaign = campaign.against(model)
     say_notes(campaign.notes)
-    return campaign, campaign.load_model(arguments.model, arguments.effects)
+    return campaign, model
 
 
 def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model, tuple[Finding, ...]]:

@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> None:
     campaign = load_campaign(folder) if folder else None
     with output_folder(arguments.output, campaign and campaign.folder) as written:
         free, model = _model(arguments, campaign)
-        campaign, findings = admit(campaign, model) if campaign else (None, ())
+        campaign, findings = admit(campaign.against(model), model) if campaign else (None, ())
         notes = campaign.notes if campaign else ()
         say_notes(notes)
         say_findings(findings)

@@ -153,8 +153,25 @@ BROKEN = {
     "free a word": (RUNS + "free: eta\n", r"free must be a list of parameter names, e.g. \[eta, gamma\], not 'eta'"),
     "free numbers": (RUNS + "free: [1]\n", "free must be a list"),
     "free twice": (RUNS + "free: [eta, eta]\n", "free names 'eta' twice"),
-    "dof": (RUNS + "dof: 3\n", "dof must be one of 1, 2, 4, not 3"),
-    "dof a list": (RUNS + "dof: [4]\n", "dof must be one of"),
+    "dof": (RUNS + "dof: 3\n", "dof must be 1, 2, 4 or a list out of surge, sway, heave, roll, not 3"),
+    "dof a list": (RUNS + "dof: [4]\n", r"dof must be 1, 2, 4 or a list out of .*, not \[4\]"),
+    "dof unknown": (RUNS + "dof: [surge, pitch]\n", "dof must be 1, 2, 4 or a list"),
+    "dof twice": (RUNS + "dof: [surge, surge]\n", "dof must be 1, 2, 4 or a list"),
+    "dof empty": (RUNS + "dof: []\n", "dof must be 1, 2, 4 or a list"),
+    "dof yes": (RUNS + "dof: true\n", "dof must be 1, 2, 4 or a list"),
+    "input a number": (RUNS + "inputs: {wind: 3}\n", "inputs: wind must be text, not 3"),
+    "condition a word": (
+        "runs:\n- {file: run_00.csv, drive_current: 0, conditions: {track_temperature: warm}}",
+        r"runs\[0\].conditions: track_temperature must be a number, not 'warm'",
+    ),
+    "condition out of range": (
+        "runs:\n- {file: run_00.csv, drive_current: 0, conditions: {mass: -1}}",
+        r"line 2: runs\[0\].conditions: mass = -1 is out of range; it must lie in \[0.001, 100000\] kg",
+    ),
+    "condition twice": (
+        "runs:\n- {file: run_00.csv, drive_current: 0, conditions: {drive_current: 1}}",
+        "drive_current stands beside file",
+    ),
     "name a list": (RUNS + "name: [a]\n", "name must be text"),
 }
 

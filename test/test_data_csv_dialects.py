@@ -151,8 +151,8 @@ def test_rows_in_another_order_and_repeated(tmp_path):
 def test_columns_for_the_model(tmp_path):
     text = "time,heave,wind speed [km/h],I_bus\n0,1,36,5\n1,2,,6\n"
     run = read(tmp_path, text, inputs={"wind": "wind speed", "drive_current": "I_bus"})
-    assert run.channels == ("heave",) and run.inputs["wind"] == pytest.approx([10.0, math.nan], nan_ok=True)
-    assert run.inputs["drive_current"].tolist() == [5, 6] and run.notes == ("converted to SI: wind from km/h",)
+    assert run.channels == ("heave",) and [list(a) for a in run.inputs["wind"]] == [[0.0], [pytest.approx(10.0)]]
+    assert run.inputs["drive_current"][1].tolist() == [5, 6] and run.notes == ("converted to SI: wind from km/h",)
     with pytest.raises(InputError, match="no column 'I_buss', which inputs: in campaign.yaml asks for; did you mean 'I_bus'"):
         read(tmp_path, text, inputs={"drive_current": "I_buss"})
 

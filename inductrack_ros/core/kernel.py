@@ -72,6 +72,8 @@ def _call(index: int, item: Effect, known: set[str], column: dict[str, int]) -> 
             arguments.append(f"P[{first}]" if count == 1 else f"P[{first}:{first + count}]")
         elif name in item.states:
             arguments.append(f"x[{column[f'{item.name}.{name}']}]")
+        elif name in item.conditions:
+            arguments.append(f"P[{column[name]}]")
         elif name in known:
             arguments.append(name)
         else:
@@ -204,6 +206,7 @@ def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None 
 
 def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kernel:
     names = [*PARAMETERS] + [n for e in items for p, d in e.parameters.items() for n in d.entries(f"{e.name}.{p}")]
+    names += list(dict.fromkeys(c for e in items for c in e.conditions if c not in PARAMETERS))
     carried = [f"{e.name}.{s}" for e in items for s in e.states]
     column = {n.removesuffix("[0]"): i for i, n in enumerate(names)} | {n: 8 + i for i, n in enumerate(carried)}
     started_on = tuple(q for e in items for q in e.states.values())

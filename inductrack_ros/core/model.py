@@ -18,7 +18,7 @@ from .errors import InputError, did_you_mean
 from .options import DRIVES, MODEL_OPTIONS, is_of_the_node
 from .parameter_files import blocks_for, merged, shared_names
 from .parameters import PARAMETERS, check_parameters
-from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES
+from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES, as_dof
 
 _NONE = np.empty(0)
 
@@ -66,12 +66,12 @@ class Model:
     """One parametrised model of the cradle, which never changes once made (see `with_changes`).
 
     ``parameters`` holds every entry of `parameters.PARAMETERS`; ``effects`` maps each active effect's full name
-    (``sensor_bias:sway`` for a sensor's) to its parameters; ``dof`` is 1, 2 or 4; ``drive`` is ``averaged`` or ``pulses``.
+    (``sensor_bias:sway`` for a sensor's) to its parameters; ``dof`` is 1, 2, 4 or names of the coordinates that move; ``drive`` is ``averaged`` or ``pulses``.
     """
 
     parameters: Mapping[str, float]
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    dof: int = 4
+    dof: int | tuple[str, ...] = 4
     drive: str = "averaged"
     effect_files: tuple[str, ...] = ()
 
@@ -82,15 +82,16 @@ class Model:
         cls,
         parameters: Mapping[str, object] | None = None,
         effects: Mapping[str, Mapping[str, object]] | Iterable[str] = (),
-        dof: int = 4,
+        dof: int | Sequence[str] = 4,
         drive: str = "averaged",
         effect_files: Iterable[str | Path] = (),
         where: str = "",
     ) -> Model:
         """A checked model. ``effects`` are names, or a mapping from names to parameter values. Raises `InputError`."""
         place = f"{where}: " if where else ""
-        if isinstance(dof, bool) or dof not in tuple(MOVING):
-            raise InputError(f"{place}dof = {dof!r:.60}; it must be 1, 2 or 4")
+        moving = as_dof(dof)
+        if moving is None:
+            raise InputError(f"{place}dof = {dof!r:.60}; it must be 1, 2, 4 or a list of {', '.join(COORDINATES)}")
         if drive not in DRIVES:
             raise InputError(f"{place}drive = {drive!r:.60}; it must be 'averaged' or 'pulses'")
         files = tuple(os.path.abspath(os.path.expanduser(f)) for f in effect_files)  # a saved model may go elsewhere
@@ -108,7 +109,7 @@ class Model:
                 p: declared.check(f"{name}.{p}", values.get(p, declared.default), where)
                 for p, declared in item.parameters.items()
             }
-        return cls(check_parameters(parameters or {}, where), checked, int(dof), drive, files)
+        return cls(check_parameters(parameters or {}, where), checked, moving, drive, files)
 
     @classmethod
     def default(cls) -> Model:
@@ -195,7 +196,8 @@ class Model:
 
     def to_mapping(self) -> dict[str, object]:
         """Flat names and values, as `from_mapping` reads them."""
-        flat: dict[str, object] = {"dof": self.dof, "drive": self.drive, **self.parameters, "effects": list(self.effects)}
+        dof = list(self.dof) if isinstance(self.dof, tuple) else self.dof
+        flat: dict[str, object] = {"dof": dof, "drive": self.drive, **self.parameters, "effects": list(self.effects)}
         if self.effect_files:
             flat["effect_files"] = list(self.effect_files)
         return flat | {
@@ -238,6 +240,7 @@ class Model:
         """The kernel's parameter vector P."""
         flat = dict(self.parameters)
         for name, item in self.known_effects.items():
+            flat |= {c: default for c, default in item.conditions.items() if c not in PARAMETERS}
             for parameter, declared in item.parameters.items():
                 value = self.effects.get(name, {}).get(parameter, declared.default)
                 entries = declared.entries(f"{name}.{parameter}")
@@ -258,7 +261,7 @@ class Model:
     # -- running it ---------------------------------------------------------------------------------------------
 
     def initial_state(self, *, drive_current: float | None = None, **given: float) -> np.ndarray:
-        """The eight states (8,) from named values; heave is the equilibrium heave unless given, the rest zero.
+        """The eight states (8,) from named values; heave is the equilibrium heave unless given or held, the rest zero.
 
         The states of effects are no part of it: they settle on a run's own conditions, its ``drive_current`` (A) and its
         pulses, where the run begins. Raises `InputError` for an unknown name or a value that is not finite.
@@ -271,7 +274,7 @@ class Model:
         x = np.zeros(len(STATES))
         for name, value in given.items():
             x[INDEX[name]] = value
-        if "heave" not in given:
+        if "heave" not in given and self.moving[INDEX["heave"]]:
             x[INDEX["heave"]] = self.equilibrium_heave(x[INDEX["surge_rate"]], drive_current)
         return x
 

@@ -111,7 +111,7 @@ _OURS = "assumption of this project, not in the paper"
 PARAMETERS: dict[str, Parameter] = {
     "eta": Parameter(0.7295, "", 0.01, 10.0, "shape factor η of the Halbach field", _FITTED, 0.01),
     "gamma": Parameter(3.9298, "", 0.0, 100.0, "thrust factor γ of the drive", _FITTED, 0.1),
-    "peak_field": Parameter(0.52, "T", 0.01, 3.0, "peak field B0 of the Halbach array", _PAPER, 0.01),
+    "peak_field": Parameter(0.52, "T", 0.0, 3.0, "peak field B0 of the Halbach array; 0: no magnets", _PAPER, 0.01),
     "wavelength": Parameter(0.1, "m", 0.001, 10.0, "wavelength λ of the Halbach array", _PAPER, 0.001),
     "inductance": Parameter(1.8e-6, "H", 1e-9, 1e-2, "inductance L of one track circuit", _PAPER, 5e-8),
     "resistance": Parameter(1.5e-3, "Ω", 1e-6, 10.0, "resistance R of one track circuit", _PAPER, 5e-5),
@@ -123,7 +123,7 @@ PARAMETERS: dict[str, Parameter] = {
     "width_side": Parameter(0.08, "m", 0.0, 10.0, "width of each side array", _PAPER, 0.002),
     "gravity": Parameter(9.81, "m/s²", 0.0, 100.0, "acceleration of gravity a_g", _PAPER, 0.05),
     "nominal_gap": Parameter(0.010, "m", 0.0, 1.0, "gap g0 of all three arrays in the zero pose", "Kim and Ge (2012)", 1e-4),
-    "contact_stiffness": Parameter(9.1e6, "N/m", 1e3, 1e9, "stiffness k_c of the contact", _OURS + "; sinks 0.01 mm at rest, section 3.3", 3e5),
+    "contact_stiffness": Parameter(9.1e6, "N/m", 0.0, 1e9, "stiffness k_c of the contact; 0: no contact", _OURS + "; sinks 0.01 mm at rest, section 3.3", 3e5),
     "contact_damping": Parameter(5e3, "N·s/m", 0.0, 1e6, "damping b_c of the contact", _OURS, 3e2),
     "roll_inertia": Parameter(0.091, "kg·m²", 1e-6, 1e6, "moment of inertia I_zz about the travel", _OURS, 1e-3),
     "magnet_top_height": Parameter(0.040, "m", -5.0, 5.0, "height of the top array's centre over the centre of mass", _OURS, 1e-3),

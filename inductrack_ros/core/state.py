@@ -53,4 +53,27 @@ UNITS = {name: channel.unit for name, channel in CHANNEL.items()}
 RATE_UNITS = {"m": "m/s", "rad": "rad/s", "m/s": "m/s²", "rad/s": "rad/s²", "m/s²": "m/s³", "rad/s²": "rad/s³"}
 
 #: Coordinates that move for each number of degrees of freedom; the others are held (1: the speed is held too).
-MOVING = {1: ("heave",), 2: ("surge", "heave"), 4: COORDINATES}
+class _Moving(dict[int | tuple[str, ...], tuple[str, ...]]):
+    """By number of degrees of freedom, or by the names themselves."""
+
+    def __missing__(self, names: int | tuple[str, ...]) -> tuple[str, ...]:
+        if not isinstance(names, tuple):
+            raise KeyError(names)
+        return names
+
+
+MOVING = _Moving({1: ("heave",), 2: ("surge", "heave"), 4: COORDINATES})
+
+
+def as_dof(value: object) -> int | tuple[str, ...] | None:
+    """What moves as `Model.dof` has it: 1, 2, 4 or names in canonical order; None for anything else.
+
+    ``value``: 1, 2, 4 or a list of different coordinates; a list that is one of those numbers becomes it.
+    """
+    if isinstance(value, (list, tuple)):
+        if not value or any(v not in COORDINATES for v in value) or len(set(value)) < len(value):
+            return None
+        names = tuple(c for c in COORDINATES if c in value)
+        return next((number for number in tuple(MOVING) if MOVING[number] == names), names)
+    return value if type(value) is int and value in MOVING else None
+

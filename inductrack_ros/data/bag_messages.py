@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from .. import frames
-from ..core.errors import InputError
+from ..core.errors import InputError, did_you_mean
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
 from .bag_files import Bag
 from .measurement import Array
@@ -65,6 +67,35 @@ def read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict[
         for reading in mine:
             reading.add(stamp, numbers)
     return {r.key: r.stream(notes) for r in readings if r.count or r.key == "pose"}
+
+
+def read_field(bag: Bag, topic: str, field: str) -> tuple[NDArray[np.int64], Array]:
+    """Stamps (m,) in ns and numbers (m,) of one field, e.g. `point.x` or `data[0]`; a message without header counts from its log time.
+
+    Raises InputError where there is no such topic or no such number in it.
+    """
+    where = f"{bag.path}: inputs: {topic}:{field}"
+    if topic not in bag.topics:
+        raise InputError(f"{where}: no such topic in the bag{did_you_mean(topic, bag.topics)}")
+    store, msgtype = _typestore(Stores.ROS2_JAZZY), bag.topics[topic].msgtype
+    if msgtype not in store.fielddefs:
+        raise InputError(f"{where}: {msgtype} is not known; republish the number as a standard message, say a PointStamped")
+    stamps, values = array("q"), array("d")
+    for _, time, raw in bag.messages({topic}):
+        try:
+            message = value = store.deserialize_cdr(raw, msgtype)
+            for part in re.findall(r"[^.\[\]]+", field):
+                value = value[int(part)] if part.isdecimal() else getattr(value, part)
+            number = float(value)
+        except Exception as error:
+            names = ", ".join(name for name, _ in store.fielddefs[msgtype][1])
+            raise InputError(f"{where}: no number there ({' '.join(str(error).split())[:100]}); {msgtype} has {names}") from None
+        if math.isfinite(number):
+            stamp = getattr(getattr(message, "header", None), "stamp", None)
+            stamps.append(time if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec)
+            values.append(number)
+    order = np.argsort(np.array(stamps, np.int64), kind="stable")
+    return np.array(stamps, np.int64)[order], np.array(values)[order]
 
 
 #: The numbers of a message that are looked at.

@@ -7,6 +7,7 @@ at a time, so that reading takes the memory of the run that comes out and, but f
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from ..core.errors import InputError, did_you_mean
 from ..core.model import Pulses
 from ..core.state import CHANNELS, GAPS
 from .bag_files import Bag, Topic, open_bag, unpacked_name
-from .bag_messages import BLOCK, TYPES, Stream, read_streams
+from .bag_messages import BLOCK, TYPES, Stream, read_field, read_streams
 from .measurement import Array, Run
 
 #: Where the package's own nodes publish. A rig's sensors stand under `measured/`, the simulator's truth beside it.
@@ -37,6 +38,7 @@ def read_bag(
     topics: Mapping[str, str | None] | None = None,
     name: str | None = None,
     gravity: float = frames.GRAVITY,
+    inputs: Mapping[str, str] | None = None,
 ) -> Run:
     """Read one run from a rosbag2 folder or one of its files, as `bag_files.open_bag` takes them.
 
@@ -45,6 +47,7 @@ def read_bag(
         `/inductrack/<key>` in a bag that has nothing under `measured/`. A pose is required, the others are read if
         they are there.
     gravity: m/s², what an Imu at rest shows.
+    inputs: what else is read into `Run.inputs`: name → `/topic:field`, e.g. `/bus:point.x`.
 
     The samples of all topics are laid on the union of their stamps. A twist is in the track's axes, like the pose.
     Of an Imu only the specific force is read, as three second derivatives, rotated by the roll of the pose at its
@@ -58,9 +61,11 @@ def read_bag(
             raise InputError(f"{path}: topics: unknown key '{key}'{did_you_mean(key, TYPES)}")
     with open_bag(path) as bag:
         wanted = _choose(path, topics, bag.topics)
-        notes = [*bag.notes, *_left_out(topics, wanted, bag.topics)]
+        notes = [*bag.notes, *_left_out(topics, wanted, bag.topics, inputs or {})]
         streams = _read_streams(bag, wanted, notes)
-    return _laid_out(path, name, streams, gravity, notes)
+        fields = {n: read_field(bag, *where.rsplit(":", 1)) for n, where in (inputs or {}).items()}
+    run = _laid_out(path, name, streams, gravity, notes)
+    return replace(run, inputs={n: (_seconds(stamps, int(run.stamps[0])), values) for n, (stamps, values) in fields.items()})
 
 
 def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity: float, notes: list[str]) -> Run:
@@ -148,14 +153,17 @@ def _beside_the_pose(topics: Mapping[str, str | None], present: Mapping[str, Top
     return TRUTH, PULSE_TOPICS
 
 
-def _left_out(topics: Mapping[str, str | None], wanted: Mapping[str, str], present: Mapping[str, Topic]) -> list[str]:
+def _left_out(
+    topics: Mapping[str, str | None], wanted: Mapping[str, str], present: Mapping[str, Topic], inputs: Mapping[str, str]
+) -> list[str]:
     """A word about sensors' topics that are in the bag and not read."""
     prefix = wanted["pose"].rpartition("/")[0]
     known = {f"{prefix.removesuffix('/measured')}/{name}" for name in _OURS} if prefix.endswith("/measured") else set()
     known |= {f"{prefix}/{name}" for name in (*_OURS, *topics) if topics.get(name, "") is None}
     known |= {ODOMETRY, *PULSE_TOPICS} | {f"{prefix}/{name}" for name in ("odometry", "fired_pulses", "drive_pulses")}
+    read = {*wanted.values(), *known, *(where.rsplit(":", 1)[0] for where in inputs.values())}
     left = sorted(
-        t.name for t in present.values() if t.msgtype in _TELLING and t.count and t.name not in {*wanted.values(), *known}
+        t.name for t in present.values() if t.msgtype in _TELLING and t.count and t.name not in read
     )
     if not left:
         return []

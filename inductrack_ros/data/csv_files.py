@@ -48,15 +48,16 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
     if len(stamps) < 2:
         raise InputError(f"{file}: {len(stamps)} row{'' if len(stamps) == 1 else 's'} of data; a run needs at least 2")
     channels = tuple(c for c in CHANNELS if c in columns)
+    times = (stamps - stamps[0]) / (1e9 if stamps.dtype.kind == "i" else 1.0)
     return Run(
         name=name if name is not None else file.stem,
         file=file,
         channels=channels,
-        times=(stamps - stamps[0]) / (1e9 if stamps.dtype.kind == "i" else 1.0),
+        times=times,
         values=np.column_stack([columns.pop(c) for c in channels]),
         stamps=stamps,
         seconds_stated=bool(table.time.unit) or stamps.dtype.kind == "i",
-        inputs={n.removeprefix(INPUT): column for n, column in columns.items()},
+        inputs={n.removeprefix(INPUT): (times[~np.isnan(c)], c[~np.isnan(c)]) for n, c in columns.items()},
         notes=tuple(notes),
     )
 

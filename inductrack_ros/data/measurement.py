@@ -29,7 +29,8 @@ class Run:
     pulses: the drive, where the bag holds the pulses that were fired, in the order of time on the run's clock (earlier
         than the first sample is negative); None: `drive_current` and the averaged law
     seconds_stated: whether the file itself says that its time is in seconds: a bag, or a unit in a CSV's header
-    inputs: what else was measured beside the channels, by the name a model or an effect calls it, (n,) each, NaN where not
+    inputs: what else was measured in time, by the name a model or an effect calls it: times (m,) s on the run's clock, values (m,)
+    conditions: numbers of this run: one with a model parameter's name takes its place, others are there for effects
     notes: what was converted, sorted or left out while reading, one line each, without the file's name
     """
 
@@ -43,7 +44,8 @@ class Run:
     initial_state: Mapping[str, float] = field(default_factory=dict)
     pulses: Pulses | None = None
     seconds_stated: bool = False
-    inputs: Mapping[str, Array] = field(default_factory=dict)
+    inputs: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    conditions: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, channel: str) -> Array:

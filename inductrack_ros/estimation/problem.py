@@ -79,7 +79,7 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunDat
     columns = np.array([INDEX[n] for n in run.channels])
     fixed = np.array([s in run.initial_state for s in STATES])
     fixed |= np.array([s.removesuffix("_rate") not in MOVING[dof] for s in STATES])
-    if dof == 1 and ("surge" in run.channels or "surge_rate" in run.channels):
+    if "surge" not in MOVING[dof] and ("surge" in run.channels or "surge_rate" in run.channels):
         fixed[[0, 4]] = [s in run.initial_state for s in ("surge", "surge_rate")]
     guess = _first_guess(run, model, dof)
     pulses = (np.empty(0),) * 3
@@ -125,13 +125,14 @@ def _first_guess(run: Run, model: Model, dof: int) -> np.ndarray:
     for i, s in enumerate(STATES):
         if s in run.initial_state:
             guess[i] = run.initial_state[s]
-        elif s.removesuffix("_rate") not in MOVING[dof] and not (dof == 1 and i in (0, 4)):
+        elif s.removesuffix("_rate") not in MOVING[dof] and not ("surge" not in MOVING[dof] and i in (0, 4)):
             guess[i] = 0.0
     if "surge" not in found and "surge_rate" not in found and "surge_rate" not in run.initial_state:
         raise InputError(
             f"{run.file}: nothing tells the speed; measure surge or surge_rate, or give initial_state: {{surge_rate: …}} in campaign.yaml"
         )
-    if "heave" not in found and not {"gap_top", "gap_left", "gap_right"} & found.keys() and "heave" not in run.initial_state:
+    unseen = "heave" not in found and not {"gap_top", "gap_left", "gap_right"} & found.keys()
+    if unseen and "heave" not in run.initial_state and "heave" in MOVING[dof]:
         guess[2] = model.equilibrium_heave(max(guess[4], 1.0))
     return guess
 
@@ -191,7 +192,10 @@ class Problem:
     def vectors(self, structure: Structure, i: int, thetas: np.ndarray) -> np.ndarray:
         """Kernel parameter vectors (j, p) of run i for each row of thetas (j, g)."""
         P = structure.vectors(thetas)
-        P[:, structure.model.kernel.parameters.index("drive_current")] = self.runs[i].run.drive_current
+        run, names = self.runs[i].run, structure.model.kernel.parameters
+        for name, value in {"drive_current": run.drive_current, **run.conditions}.items():
+            if name in names:  # any other is for effects that are not known here
+                P[:, names.index(name)] = value
         return P
 
     def simulate(self, structure: Structure, i: int, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:

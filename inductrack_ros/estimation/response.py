@@ -42,7 +42,7 @@ class RunResponse:
         """``data`` a `problem.RunData`, P (p,) the kernel's parameters, ``outputs`` (n, 15) the simulated run."""
         self.data, self.sigma, self.outputs = data, sigma, outputs
         self.grid, self.model, self.P = data.grid, model, P
-        inertia = model.parameters["mass"], model.parameters["roll_inertia"]
+        inertia = [P[model.kernel.parameters.index(name)] for name in ("mass", "roll_inertia")]
         self.inverse_inertia = np.array([1 / inertia[0]] * 3 + [1 / inertia[1]])
         self.transitions = _transitions(data, model, P, outputs, dof)
         self.geometry = gap_geometry(model)

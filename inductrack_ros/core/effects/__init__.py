@@ -55,6 +55,8 @@ class Effect:
     effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged`` or the ``pulses`` drive;
     ``canonical`` picks one of the parameter sets that do the same; ``starts`` says from what a sensor read (n,) where its
     parameters may be sought, for an effect that shows to no order where it vanishes;
+    ``conditions`` are numbers of a run that the function takes (a campaign gives them), with the values they have
+    where a run does not say;
     ``of_sensor`` marks the effect of a sensor, ``of_channel`` one of one channel, used as ``name:channel``.
     """
 
@@ -70,6 +72,7 @@ class Effect:
     screened: bool = True
     canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None
     starts: Callable[[np.ndarray], list[dict[str, float]]] | None = None
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def of_channel(self) -> bool:
@@ -109,10 +112,11 @@ def effect(
     screened: bool = True,
     canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None,
     starts: Callable[[np.ndarray], list[dict[str, float]]] | None = None,
+    conditions: Mapping[str, float] | None = None,
 ) -> Callable[[Callable], Effect]:
     """Declare the decorated function an effect that ``adds`` to forces or ``changes`` quantities of the equations.
 
-    ``screened=False`` keeps it out of the diagnosis's ranking. ``canonical`` picks one of the parameter sets that do the same. Raises `InputError` where the declaration does not fit.
+    ``screened=False`` keeps it out of the diagnosis's ranking. ``canonical`` picks one of the parameter sets that do the same. ``conditions`` are numbers of a run, by name, with their defaults. Raises `InputError` where the declaration does not fit.
     """
 
     def declare(function: Callable) -> Effect:
@@ -132,12 +136,12 @@ def effect(
             raise InputError(
                 f"effect '{name}': declare '{odd[0]}' as Parameter(default, unit, low, high, meaning), not {own[odd[0]]!r}"
             )
-        for kind, names in (("parameter", own), ("state", states or {})):
+        for kind, names in (("parameter", own), ("state", states or {}), ("condition", conditions or {})):
             if unused := [n for n in names if n not in arguments]:
                 raise InputError(f"effect '{name}' declares {kind} '{unused[0]}' but its function does not take it")
         if max_travel and max_travel not in own:
             raise InputError(f"effect '{name}': max_travel = '{max_travel}' is not one of its parameters")
-        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened, canonical, starts)
+        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened, canonical, starts, dict(conditions or {}))
 
     return declare
 

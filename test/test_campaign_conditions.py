@@ -1,0 +1,138 @@
+"""What differs from run to run: coordinates that are held, conditions, inputs measured in time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_data_bags import EPOCH, GOOD, point, poses, record
+
+from inductrack_ros.compare import compare
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.core.model import Model
+from inductrack_ros.core.state import as_dof
+from inductrack_ros.data import campaign_keys, load_campaign, read_bag, write_csv
+from inductrack_ros.estimation.problem import Problem
+from inductrack_ros.estimation.structure import Structure
+
+TIMES = np.arange(300) / 500
+WARM = '''
+from inductrack_ros.core.effects import Parameter, effect
+
+@effect(changes="resistance", parameters={"coefficient": Parameter(0.004, "1/K", -1.0, 1.0, "change", "guess", typical=1e-3)},
+        conditions={"track_temperature": 20.0})
+def warm_track(resistance, coefficient, track_temperature):
+    """Resistance of a warm track."""
+    return resistance * (1.0 + coefficient * (track_temperature - 20.0))
+'''
+
+
+def rig(folder: Path, flown: dict, keys: str = "", noise=3e-5, seed=1) -> Path:
+    """A campaign of runs by name: (model, initial state, drive current, further keys of the run)."""
+    rng = np.random.default_rng(seed)
+    folder.mkdir(exist_ok=True)
+    lines = [keys, "noise_std: {surge: 3.0e-5, heave: 3.0e-5}", "runs:"]
+    for name, (model, start, current, more) in flown.items():
+        run = model.simulate(TIMES, model.initial_state(**start), current)
+        write_csv(folder / f"{name}.csv", TIMES, {c: run[c] + rng.normal(0, noise, len(TIMES)) for c in ("surge", "heave")})
+        lines.append(f"- {{file: {name}.csv, drive_current: {current}{more}}}")
+    (folder / "campaign.yaml").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+# ---------------------------------------------------------------- coordinates that are held
+
+
+def test_a_list_of_coordinates_is_a_number_where_there_is_one():
+    assert as_dof(["heave", "surge"]) == 2 and as_dof(("surge", "sway", "heave", "roll")) == 4 and as_dof(["heave"]) == 1
+    assert as_dof(["heave", "surge", "roll"]) == ("surge", "heave", "roll") and as_dof(2) == 2
+    for nonsense in (3, True, 2.0, [], ["surge", "surge"], ["pitch"], "surge", None):
+        assert as_dof(nonsense) is None
+
+
+def test_only_what_is_named_moves(tmp_path):
+    model = Model.create(dof=["surge", "roll"])
+    start = model.initial_state(surge_rate=15.0, sway=1e-3, heave=-0.0047, roll=0.01)
+    end = model.simulate(TIMES, start, 7000.0).states[-1]
+    assert end[1] == start[1] and end[2] == start[2] and end[0] > 5 and end[3] != start[3]
+    model.save(tmp_path / "model.yaml")
+    assert Model.load(tmp_path / "model.yaml") == model
+    with pytest.raises(InputError, match="dof = .* must be 1, 2, 4 or a list of surge, sway, heave, roll"):
+        Model.create(dof=["surge", "pitch"])
+
+
+def test_a_cart_without_magnets_and_contact(tmp_path):
+    """Coasting on a rig that does not float: surge alone, slowed by a force that grows with speed."""
+    plain = {"contact_stiffness": 0.0, "peak_field": 0.0, "mass": 2.0}
+    model = Model.create(plain, {"viscous_drag": {"coefficient": 0.8}}, dof=["surge"])
+    run = model.simulate(TIMES, model.initial_state(surge_rate=3.0), 0.0)
+    assert run["surge_rate"][-1] == pytest.approx(3.0 * np.exp(-0.4 * TIMES[-1]), rel=1e-6)
+    folder = rig(tmp_path / "rig", {"a": (model, {"surge_rate": 3.0}, 0, ""), "b": (model, {"surge_rate": 2.0}, 0, "")}, "dof: [surge]")
+    for name in ("a", "b"):
+        table = (folder / f"{name}.csv").read_text().splitlines()
+        (folder / f"{name}.csv").write_text("\n".join(line.rpartition(",")[0] for line in table) + "\n")
+    campaign = load_campaign(folder)
+    assert campaign.dof == ("surge",)
+    assert compare(campaign, model).error < 1.2
+
+
+# ---------------------------------------------------------------- conditions
+
+
+def test_a_condition_takes_the_place_of_a_parameter_in_its_run(tmp_path):
+    light, heavy = Model.create({"mass": 9.0}), Model.create({"mass": 9.42})
+    start = {"surge_rate": 18.0}
+    flown = {"light": (light, start, 7000.0, ", conditions: {mass: 9.0}"), "heavy": (heavy, start, 7000.0, ", conditions: {mass: 9.42}")}
+    campaign = load_campaign(rig(tmp_path / "rig", flown))
+    assert [run.conditions for run in campaign.runs] == [{"mass": 9.0}, {"mass": 9.42}]
+    assert compare(campaign, Model.default()).errors["surge"] < 3.0
+    without = load_campaign(rig(tmp_path / "without", {n: (m, s, i, "") for n, (m, s, i, _) in flown.items()}))
+    assert compare(without, Model.default()).errors["surge"] > 50.0
+
+
+def test_a_condition_reaches_the_effect_that_asks_for_it(tmp_path):
+    (tmp_path / "warm.py").write_text(WARM)
+    effects = {"warm_track": {"coefficient": 0.004}}
+    model = Model.create(effects=effects, effect_files=[tmp_path / "warm.py"])
+    hot = Model.create({"resistance": model.parameters["resistance"] * 1.08})  # 40 °C
+    cold = Model.default()
+    flown = {"hot": (hot, {"surge_rate": 18.0}, 0, ", conditions: {track_temperature: 40.0, humidity: 0.3}"), "cold": (cold, {"surge_rate": 18.0}, 0, "")}
+    campaign = load_campaign(rig(tmp_path / "rig", flown))
+    assert compare(campaign, model).error < 1.2 < 5.0 < compare(campaign, Model.default()).error
+    structure = Structure(model, ())
+    problem = Problem(campaign, model, {"surge": 3e-5, "heave": 3e-5})
+    column = model.kernel.parameters.index("track_temperature")
+    assert [problem.vectors(structure, i, structure.start[None])[0, column] for i in (0, 1)] == [40.0, 20.0]
+    assert campaign.against(model).remarks == ("condition 'humidity' is not used: neither the model nor an effect asks for it",)
+
+
+# ---------------------------------------------------------------- inputs
+
+
+def test_inputs_of_a_csv_and_of_a_bag(tmp_path):
+    (tmp_path / "run.csv").write_text("time,surge,I [kA],v\n" + "".join(f"{t},{15 * t},{7 + t},{1}\n" for t in TIMES[:50]))
+    (tmp_path / "campaign.yaml").write_text("inputs: {drive_current: I, wind: v}\nruns: [{file: run.csv}]\n")
+    campaign = load_campaign(tmp_path)
+    times, current = campaign.runs[0].inputs["drive_current"]
+    assert current == pytest.approx(7000 + 1e3 * TIMES[:50]) and times == pytest.approx(TIMES[:50])
+    assert campaign.runs[0].drive_current == pytest.approx(7049.0)
+    notes = campaign.against(Model.default()).notes
+    assert notes[0] == "input 'wind' is read and not used: the model takes no input that changes in time"
+    assert "run: drive_current was measured from 7000 to 7098 A; the model takes its mean, 7049 A" in notes
+
+    bag = record(tmp_path / "bag", {GOOD: poses(3), "/bus": [point(EPOCH + 2_000_000, 3.5, -1), point(EPOCH + 4_000_000, 4.5, -1)]})
+    times, values = read_bag(bag, inputs={"wind": "/bus:point.x"}).inputs["wind"]
+    assert times == pytest.approx([0.002, 0.004]) and values.tolist() == [3.5, 4.5]
+    with pytest.raises(InputError, match="/bus:point.w: no number there .* has header, point"):
+        read_bag(bag, inputs={"wind": "/bus:point.w"})
+    with pytest.raises(InputError, match="inputs: /buss:point.x: no such topic in the bag; did you mean '/bus'"):
+        read_bag(bag, inputs={"wind": "/buss:point.x"})
+
+
+# ---------------------------------------------------------------- the table of keys
+
+
+def test_the_table_of_keys_is_the_readers():
+    page = (Path(__file__).parent.parent / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    assert campaign_keys.table() in page
