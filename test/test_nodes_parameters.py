@@ -128,6 +128,45 @@ def test_what_is_for_all_nodes_may_hold_what_one_does_not_have(start, node):
     assert start(node, "", "-p", "mine:=2")[0] == 2  # given to this node
 
 
+OVERRIDES = """/inductrack/sim:
+  ros__parameters:
+    qos_overrides:
+      /inductrack/pose: {publisher: {reliability: best_effort, depth: 7}}
+      /inductrack/drive_pulses: {subscription: {depth: 9}}
+"""
+
+
+def test_quality_of_service_is_as_asked(start, monkeypatch):
+    ends: dict[str, tuple[str, int]] = {}
+
+    def look(node) -> None:
+        for end in (*node.publishers, *node.subscriptions):
+            ends[end.topic_name.removeprefix("/inductrack/")] = end.qos_profile.reliability.name.lower(), end.qos_profile.depth
+
+    monkeypatch.setattr(SimNode, "at_the_end", look, raising=False)
+    assert start("sim", OVERRIDES)[0] == 0
+    assert ends["pose"] == ("best_effort", 7) and ends["drive_pulses"] == ("reliable", 9) and ends["twist"] == ("reliable", 10000)
+    assert Model.load("given.yaml") == Model.default()  # nothing in it is the model's
+    for asked, pose, measured in (("sensor_data", "reliable", "best_effort"), ("best_effort", "best_effort", "best_effort")):
+        assert start("sim", "", "-p", f"reliability:={asked}", "-p", "publish_clock:=true")[0] == 0
+        assert (ends["pose"][0], ends["measured/imu"][0], ends["/clock"][0]) == (pose, measured, "reliable")
+
+
+@pytest.mark.parametrize(
+    "node, text, says",
+    [
+        ("sim", "{lockstep: true, reliability: best_effort}", "sim: reliability = 'best_effort': in lockstep time waits for an answer"),
+        ("sim", "/**:\n  ros__parameters:\n    lockstep: true\n" + OVERRIDES, "qos_overrides of pose: in lockstep time waits"),
+        ("track_controller", "{lockstep: true, qos_overrides./inductrack/pose.subscription.reliability: best_effort}", "qos_overrides of pose: in lockstep"),
+        ("sim", "{qos_overrides./inductrack/pose.publisher.reliability: perhaps}", "qos_overrides of pose: Unexpected QoS override"),
+        ("sim", "{qos_overrides./inductrack/pose.publisher.depth: many}", "qos_overrides of pose: "),
+    ],
+)
+def test_quality_of_service_that_cannot_be_is_refused(start, node, text, says):
+    status, _, said = start(node, text)
+    assert status == 2 and "error: " in said and says in said and "Traceback" not in said
+
+
 @pytest.mark.parametrize("name", ["sim", "monitor", "track_controller"])
 def test_what_another_callback_refuses_takes_no_effect(start, monkeypatch, name):
     """A value counts once all of a node's callbacks have accepted it."""

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 import yaml
 from builtin_interfaces.msg import Time
+from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import MarkerArray
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import GAPS
 from inductrack_ros.nodes import interface_tables, layouts
 from inductrack_ros.nodes.messages import message_class
-from inductrack_ros.nodes.scene import scene
+from inductrack_ros.nodes.scene import OUTWARD, scene
+from inductrack_ros.nodes.transforms import cradle_transform, gap_transforms
 
 ROOT = Path(__file__).parents[1]
 
@@ -126,3 +128,28 @@ def test_the_simulator_publishes_what_viewers_draw(ros):
     names = {topic: {m.ns for m in heard[-1].markers} for topic, heard in drawn.items()}
     assert {"track top", "array left", "gap right"} < names["scene"] and {"lift", "thrust", "total"} < names["forces"]
     assert sim.stop() == 0
+
+
+def test_a_gap_sensors_range_ends_on_the_track():
+    """From the frames in /tf and /tf_static, a range along the sensor's x comes to lie on the track's face, wherever the cradle is."""
+    model = Model.default()
+    p = model.parameters
+    x = model.initial_state(surge_rate=15.0, sway=0.002, heave=-0.003, roll=0.02)
+    x[0] = 3.0
+    truth = model.quantities(x)
+
+    def placed(message, points: np.ndarray) -> np.ndarray:
+        t, q = message.transform.translation, message.transform.rotation
+        return Rotation.from_quat([q.x, q.y, q.z, q.w]).apply(points) + [t.x, t.y, t.z]
+
+    cradle = cradle_transform(Time(), "rig1/track", "rig1/cradle", x[:4])
+    assert (cradle.header.frame_id, cradle.child_frame_id) == ("rig1/track", "rig1/cradle")
+    offset, side = p["magnet_side_offset"], p["magnet_side_height"]
+    centres = (0.0, p["magnet_top_height"]), (-offset, side), (offset, side)
+    for sensor, gap, centre, outward in zip(gap_transforms(Time(), "rig1/cradle", "rig1/", p), GAPS, centres, OUTWARD, strict=True):
+        assert (sensor.header.frame_id, sensor.child_frame_id) == ("rig1/cradle", f"rig1/{gap}")
+        seen = placed(cradle, placed(sensor, np.array([[truth[gap], 0.0, 0.0], [0.0, 0.0, 0.0]])))
+        surface = np.array(centre) - p["nominal_gap"] * np.array(outward)
+        # The sensor turns with the roll, the gap is measured across the track: they differ by the cosine.
+        assert (seen[0, 1:] - surface) @ outward == pytest.approx(0.0, abs=truth[gap] * (1 - np.cos(0.02)) + 1e-9)
+        assert (seen[1, 1:] - surface) @ outward == pytest.approx(truth[gap], abs=1e-6)

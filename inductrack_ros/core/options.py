@@ -62,17 +62,24 @@ SIM: dict[str, Parameter | Option] = {
     "paused": Option(False, "start standing still, until the pause service says otherwise"),
     "listeners": Option(0, "time begins when so many subscribe to pose, so that a recorder misses nothing", high=1000),
     "publish_clock": Option(False, "publish /clock; simulated time then begins at 0, else at the time of the start"),
+    "clock_rate": Parameter(100.0, "Hz", 0.1, 1000.0, "how often /clock is published, in simulated time; no more than rate"),
     "initial_state": Option("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),
     "track_length": Parameter(1000.0, "m", 0.1, 1e6, "length of track that has drive coils, one every λ/2"),
     "max_pulse_current": Parameter(2e4, "A", 0.0, 1e6, "a drive pulse of more is refused"),
     "track_frame": Option("track", "frame of poses, twists and wrenches"),
     "cradle_frame": Option("cradle", "frame that moves with the cradle"),
-    "reliability": Option("reliable", "quality of service of what is published", ("reliable", "best_effort")),
+    "frame_prefix": Option("", "put before the name of every frame, e.g. rig1/"),
+    "reliability": Option(
+        "reliable", "quality of service of what is published; sensor_data: best effort for what is under measured/; transforms and "
+        "/clock are always reliable", ("reliable", "best_effort", "sensor_data"),
+    ),
     "seed": Option(-1, "seed of the sensors' noise; −1: another at every start", low=-1),
 }
 SENSORS = "measured."
+#: How the names of parameters begin that ROS 2 gives every node.
+OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def is_of_the_node(name: str) -> bool:
     """Whether a parameter is the node's and no business of the model."""
-    return name in SIM or name.startswith(SENSORS)
+    return name in SIM or name.startswith((SENSORS, *OF_ROS))

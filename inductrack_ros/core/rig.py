@@ -44,6 +44,11 @@ def declared() -> dict[str, Parameter]:
     return table
 
 
+def noise(values: Mapping[str, float]) -> dict[str, float]:
+    """The standard deviation of each channel's noise, from parameters named as `declared` has it."""
+    return {c: values[f"measured.{c}.noise"] for channels in SENSORS.values() for c in channels}
+
+
 @dataclass(frozen=True)
 class Sample:
     """One message of a sensor: its stamp (s), the reading by channel, and the true roll (rad), which an Imu turns with."""

@@ -36,7 +36,7 @@ MEANINGS = {
     "scene": "track, cradle and gaps as markers in `track`; `details_rate`",
     "measured/pose": "what a rig would measure; `track`; m; `measured.pose.rate`",
     "measured/twist": "likewise; `track`; m/s, rad/s",
-    "measured/imu": "likewise, specific force in `cradle`; m/s²; orientation and turn rate not measured",
+    "measured/imu": "likewise, specific force in `cradle`, its noise as covariance; m/s²; orientation and turn rate not measured",
     "measured/gap_*": "likewise; m",
     "fired_pulses": "what was fired, as on `drive_pulses`",
     "drive_pulses": "stamp: begin of the half sine; `point.x`: coil; `point.y`: A, with sign",
@@ -45,8 +45,9 @@ MEANINGS = {
     "missing_force": "the constant force that the model lacks in a window, stamped in its middle; `track`; N, N·m; not in contact",
     "missing_force_sigma": "its standard deviation",
     "lockstep/done": "[stamp of the pose answered (ns), pulses sent]; with `lockstep`",
-    "/clock": "simulated time; with `publish_clock`",
+    "/clock": "simulated time; `clock_rate`; with `publish_clock`",
     "/tf": "`track` → `cradle`; `details_rate`; on a distribution only (no wheel of `tf2_msgs`)",
+    "/tf_static": "`cradle` → `gap_top`, `gap_right`, `gap_left`, x towards the track; transient local; likewise",
     "/diagnostics": "once a second: deadline misses, late and refused pulses, contacts, lost controllers, others of the kind; "
     "misfits of photodiodes, missing poses; the monitor's verdict",
 }
@@ -65,8 +66,9 @@ def text() -> str:
     shared = [n for n in DECLARED if n in PARAMETERS]
     return "\n\n".join(
         [
-            "**Topics**, in the namespace `inductrack` unless they begin with `/`. Volatile, keep last. Published by `sim` as "
-            "`reliability` asks.\n\n" + _topics(),
+            "**Topics**, in the namespace `inductrack` unless they begin with `/`. Keep last, volatile unless said. Published by `sim` as "
+            "`reliability` asks; `qos_overrides.TOPIC.publisher.reliability`, `.depth` and `.history` (`.subscription.…`) change any of them. "
+            "`frame_prefix` stands before every frame.\n\n" + _topics(),
             "**Services** of `sim`\n\n" + _services(),
             "**Parameters of `sim`**; those with * may change while it runs\n\n" + _parameters(own, SIM_LIVE),
             "Its sensors, all *: SENSOR is "
@@ -134,6 +136,7 @@ def _topics() -> str:
                 ends[f"{name} {way}{' (not in lockstep)' if second else ''}: {qos}"] = None
     if TFMessage is None:  # the wheels lack it; the table is the same everywhere
         found["/tf"] = ("tf2_msgs/TFMessage", dict(found["/clock"][1]))
+        found["/tf_static"] = ("tf2_msgs/TFMessage", {"sim out: reliable, 1": None})
     rows = [
         f"| `{topic}` | {found[topic][0]} | {'<br>'.join(found[topic][1])} | {meaning} |" for topic, meaning in MEANINGS.items()
     ]

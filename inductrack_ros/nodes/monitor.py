@@ -8,7 +8,6 @@ import time
 import numpy as np
 from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped, WrenchStamped
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from threadpoolctl import threadpool_limits
 
 from .. import frames
@@ -22,7 +21,8 @@ from ..reports.words import sized
 from .diagnostics import PERIOD, Diagnostics
 from .overrides import Overrides
 from .parameters import Option, declare, effect_parameters, given, when_set, with_values, without_unknown
-from .runtime import DEPTH, NAMESPACE, every, run
+from .qos import profile, publisher, subscribe
+from .runtime import NAMESPACE, every, run
 from .topics import fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
 
 _NOISE = {f"measured.{s}.noise": rig.declared()[f"measured.{s}.noise"] for s in STATES}
@@ -58,17 +58,15 @@ class MonitorNode(Node):
         )  # fmt: skip
         model.kernel  # noqa: B018  compiled now, not in the first window
 
-        out, asked = QoSProfile(depth=DEPTH), QoSProfile(depth=DEPTH)
-        if options["reliability"] == "best_effort":
-            asked.reliability = ReliabilityPolicy.BEST_EFFORT
-        self._pose = self.create_publisher(PoseStamped, "residual/pose", out)
-        self._twist = self.create_publisher(TwistStamped, "residual/twist", out)
-        self._force = self.create_publisher(WrenchStamped, "missing_force", out)
-        self._sigma = self.create_publisher(WrenchStamped, "missing_force_sigma", out)
-        self.create_subscription(PoseStamped, "measured/pose", self._take_pose, asked)
-        self.create_subscription(TwistStamped, "measured/twist", self._take_twist, asked)
+        reliable = options["reliability"] == "reliable"
+        self._pose = publisher(self, PoseStamped, "residual/pose", profile())
+        self._twist = publisher(self, TwistStamped, "residual/twist", profile())
+        self._force = publisher(self, WrenchStamped, "missing_force", profile())
+        self._sigma = publisher(self, WrenchStamped, "missing_force_sigma", profile())
+        subscribe(self, PoseStamped, "measured/pose", self._take_pose, profile(reliable))
+        subscribe(self, TwistStamped, "measured/twist", self._take_twist, profile(reliable))
         for topic, fired in (("fired_pulses", True), ("drive_pulses", False)):
-            self.create_subscription(PointStamped, topic, lambda m, fired=fired: self._take_pulse(m, fired), asked)
+            subscribe(self, PointStamped, topic, lambda m, fired=fired: self._take_pulse(m, fired), profile(reliable))
         when_set(self, self._changed, self._take_parameters)
         self._frame = ""
         self._diagnostics = Diagnostics(self, "model", "rig")

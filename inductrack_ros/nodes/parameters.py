@@ -10,16 +10,13 @@ from rclpy.parameter import Parameter as RosParameter
 
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
-from ..core.options import MODEL_OPTIONS, Option
+from ..core.options import MODEL_OPTIONS, OF_ROS, Option
 from ..core.parameters import PARAMETERS, Parameter
 from .overrides import EMPTY
 
 __all__ = [
     "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "given", "plain", "when_set", "with_values", "without_unknown",
 ]  # fmt: skip
-
-#: Parameters that rclpy itself declares.
-_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
 Declared = Mapping[str, Parameter | Option]
@@ -34,7 +31,7 @@ def plain(value: object) -> object:
 def given(node: Node) -> dict[str, object]:
     """What the command line and parameter files gave the node (made with automatic declaration), as plain values."""
     found = {name: plain(parameter.value) for name, parameter in node.get_parameters_by_prefix("").items()}
-    return {n: v for n, v in found.items() if not n.startswith(_OF_ROS) and v is not None}
+    return {n: v for n, v in found.items() if not n.startswith(OF_ROS) and v is not None}
 
 
 def without_unknown(values: Mapping[str, object], declared: Collection[str], node: Node, shared: Collection[str]) -> dict[str, object]:

@@ -10,13 +10,13 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 
 from ..core.errors import InputError
 from ..data.bag_files import open_bag
 from .messages import message_class
-from .runtime import DEPTH, every, run
+from .qos import profile
+from .runtime import every, run
 
 LOOK = 1e-3  # s between looks whether a message is due
 AT_ONCE = 500  # messages published between looks at Ctrl-C
@@ -56,13 +56,12 @@ class Player(Node):
         for topic, recorded in self._bag.topics.items():
             if self._options.topics and topic not in self._options.topics:
                 continue
-            reliability = ReliabilityPolicy.BEST_EFFORT if recorded.lossy else ReliabilityPolicy.RELIABLE
             try:
                 kind = message_class(recorded.msgtype)
             except (ImportError, AttributeError, ValueError):
                 self.get_logger().warning(f"{topic} is not played: {recorded.msgtype} is not installed")
                 continue
-            publishers[topic] = self.create_publisher(kind, topic, QoSProfile(depth=DEPTH, reliability=reliability))
+            publishers[topic] = self.create_publisher(kind, topic, profile(not recorded.lossy))
         return publishers
 
     def _recorded(self) -> Iterator[tuple[int, str, bytes]]:

@@ -20,7 +20,6 @@ from .overrides import Overrides, readable
 
 _ROS_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 NAMESPACE = "inductrack"  # of every node, unless `--ros-args -r __ns:=/other` says otherwise
-DEPTH = 1000  # of every queue that has no reason for another
 
 
 def every(node: Node, seconds: float, callback: Callable[[], None]) -> None:

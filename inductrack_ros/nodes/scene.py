@@ -15,9 +15,17 @@ LENGTH = 6.0  # m of track that is drawn; it moves on by whole metres as the cra
 THICKNESS = 0.015  # m, of track and arrays
 NARROW = 2e-3  # m; a gap below this is drawn as a warning
 TRACK, CRADLE, WIDE_GAP, NARROW_GAP = (0.6, 0.6, 0.6, 0.5), (0.2, 0.35, 0.6, 0.9), (0.1, 0.7, 0.2, 1.0), (0.9, 0.1, 0.1, 1.0)
-#: Name, tilt (rad about the travel) and outward normal (y left, z up) of the top, right and left faces of the track.
+#: Tilt (rad about the travel) and outward normal (y left, z up) of the top, right and left faces of the track.
+TILTS = (0.0, 0.75 * np.pi, -0.75 * np.pi)
 _C = np.sqrt(0.5)
-FACES = (("top", 0.0, (0.0, 1.0)), ("right", 0.75 * np.pi, (-_C, -_C)), ("left", -0.75 * np.pi, (_C, -_C)))
+OUTWARD = ((0.0, 1.0), (-_C, -_C), (_C, -_C))
+
+
+def arrays(parameters: Mapping[str, float]) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, centre (2,) in m and outward normal (2,) of the cradle's arrays, y left and z up of its centre of mass."""
+    offset, side = parameters["magnet_side_offset"], parameters["magnet_side_height"]
+    centres = (0.0, parameters["magnet_top_height"]), (-offset, side), (offset, side)
+    return [(n, np.array(c), np.array(o)) for n, c, o in zip(("top", "right", "left"), centres, OUTWARD, strict=True)]
 
 
 def scene(
@@ -25,8 +33,6 @@ def scene(
 ) -> list[Marker]:
     """Markers of the track, the cradle at ``coordinates`` (4,) and the ``gaps`` (3,) in m: top, right, left."""
     p = parameters
-    offset, side = p["magnet_side_offset"], p["magnet_side_height"]
-    centres = {"top": (0.0, p["magnet_top_height"]), "right": (-offset, side), "left": (offset, side)}
     surge, sway, heave, roll = coordinates.tolist()
     turn = np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
     near = float(np.floor(surge))
@@ -43,9 +49,8 @@ def scene(
         markers.append(marker)
         return marker
 
-    for (face, tilt, normal), gap in zip(FACES, gaps, strict=True):
+    for (face, centre, outward), tilt, gap in zip(arrays(p), TILTS, gaps, strict=True):
         width = p["width_top" if face == "top" else "width_side"]
-        centre, outward = np.array(centres[face]), np.array(normal)
         surface = centre - p["nominal_gap"] * outward  # where the track ends
         array = turn @ centre + (sway, heave)
         add(Marker.CUBE, f"track {face}", TRACK, (LENGTH, width, THICKNESS), (near, *(surface - 0.5 * THICKNESS * outward)), tilt)

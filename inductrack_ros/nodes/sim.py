@@ -9,7 +9,6 @@ import time
 import numpy as np
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
@@ -23,9 +22,10 @@ from .diagnostics import PERIOD, Diagnostics
 from .drive import PulseQueue
 from .overrides import Overrides
 from .parameters import declare, effect_parameters, given, when_set, with_values, without_unknown
-from .runtime import DEPTH, NAMESPACE, every, run
+from .qos import profile, subscribe
+from .runtime import NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
-from .topics import SimulatorTopics, channels, nanoseconds_of, stamp_of
+from .topics import LOSSLESS, SimulatorTopics, channels, nanoseconds_of, stamp_of
 
 OWN = {**SIM, **rig.declared()}
 LIVE = {"speed_factor", "lockstep_timeout", "command_timeout", *PARAMETERS, *rig.declared()}
@@ -62,11 +62,11 @@ class SimNode(Node):
         own_time = options["publish_clock"] or options["lockstep"]
         self._epoch = 0 if own_time else None  # ns at simulated time 0; None: the time of the start or reset
 
-        self._topics = SimulatorTopics(
-            self, self._force_effects(), options["track_frame"], options["cradle_frame"],
-            options["publish_clock"], options["reliability"],
-        )  # fmt: skip
-        self.create_subscription(PointStamped, "drive_pulses", self._take_pulse, QoSProfile(depth=DEPTH))
+        if options["lockstep"] and options["reliability"] == "best_effort":
+            raise InputError(f"sim: reliability = 'best_effort': {LOSSLESS}")
+        self._topics = SimulatorTopics(self, self._force_effects(), options)
+        must = LOSSLESS if options["lockstep"] else ""
+        subscribe(self, PointStamped, "drive_pulses", self._take_pulse, profile(), must)
         self.create_service(SetBool, "~/pause", self._pause)
         self.create_service(Trigger, "~/step", self._step)
         self.create_service(Trigger, "~/reset", self._reset)
@@ -76,10 +76,13 @@ class SimNode(Node):
         self.deadline_misses = self.contacts = 0
         self._in_contact = False
         self._restart_time()
+        self._clock_period = math.ceil(options["rate"] / options["clock_rate"] - 1e-9)
+        self._noise = rig.noise(options)
+        self._topics.places(stamp_of(self._stamp_ns()), self.model.parameters)
         self._details_period = max(1, round(options["rate"] / options["details_rate"]))
         if options["lockstep"]:
             self._expect_answer()
-            self.create_subscription(UInt64MultiArray, "lockstep/done", self._take_answer, QoSProfile(depth=DEPTH))
+            subscribe(self, UInt64MultiArray, "lockstep/done", self._take_answer, profile(), must)
             every(self, 0.1, self._look_after_lockstep)
         else:
             every(self, 1.0 / options["rate"], self._wake)
@@ -152,12 +155,13 @@ class SimNode(Node):
         simulation, x = self.simulation, self.simulation.x
         self._published = True
         stamp = stamp_of(self._stamp_ns())
-        self._topics.clock(stamp)
+        if self.paused or simulation.ticks % self._clock_period == 0:  # each step of a paused run is a time of its own
+            self._topics.clock(stamp)
         self._topics.state(stamp, x)
         truth = channels(x, simulation.quantities())
         for s in self.sensors.step(simulation.time, np.array([truth[c] for c in OUTPUTS]), 1.0 / simulation.rate):
             measured_at = stamp_of(self._zero + round(s.time * 1e9))
-            self._topics.measured(measured_at, s.sensor, s.reading, s.roll, self.model.parameters["gravity"])
+            self._topics.measured(measured_at, s, self.model.parameters, self._noise)
         touching = min(truth["gap_top"], truth["gap_right"], truth["gap_left"]) < 0.0
         self.contacts += touching and not self._in_contact
         self._in_contact = touching
@@ -277,6 +281,8 @@ class SimNode(Node):
         self.simulation.change(self.model)
         self._options.update(values)
         self.sensors.change(self._options, self.model)
+        self._noise = rig.noise(self._options)
+        self._topics.places(stamp_of(self._stamp_ns()), self.model.parameters)
         if "speed_factor" in values:
             self._resume()
 

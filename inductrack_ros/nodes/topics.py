@@ -7,21 +7,23 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, PointStamped, PoseStamped, TransformStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import Point, PointStamped, PoseStamped, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, Range
 from visualization_msgs.msg import Marker, MarkerArray
 
 from .. import frames
-from ..core.rig import SENSORS
+from ..core.rig import SENSORS, Sample
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
 from .drive import Pulse
-from .runtime import DEPTH
+from .qos import DEPTH, profile
+from .qos import publisher as qos_publisher
 from .scene import scene
+from .transforms import cradle_transform, gap_transforms
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -30,6 +32,10 @@ except ImportError:  # not among the PyPI wheels
 
 TICK_DEPTH = 10_000  # of what is published at every tick: a recorder that stands still for seconds loses nothing
 SETTLED = 0.5  # s without another listener; recorders look for topics more often
+FIELD_OF_VIEW = 0.05  # rad; a spot on the track
+#: Covariance (36,) of the truth: none to speak of, but 0 would mean that it is not known.
+EXACT = np.diag(np.full(6, 1e-12)).ravel()
+LOSSLESS = "in lockstep time waits for an answer to every pose, so none may be lost; give reliable, or leave lockstep off"
 NEWTON_METRES = 0.002  # length of a force arrow in m per N
 _COLOURS = {"lift": (0.1, 0.5, 1.0), "drag": (1.0, 0.3, 0.1), "thrust": (0.1, 0.8, 0.2), "total": (0.1, 0.1, 0.1)}
 _OTHER_COLOUR = (0.6, 0.2, 0.8)
@@ -70,26 +76,28 @@ def fill_wrench(into: object, force: np.ndarray, torque: np.ndarray) -> None:
 class SimulatorTopics:
     """Publishers of the `sim` node, all below its namespace but /clock, /tf."""
 
-    def __init__(
-        self, node: Node, effects: Iterable[str], track_frame: str, cradle_frame: str, clock: bool, reliability: str
-    ) -> None:
-        reliable = ReliabilityPolicy.RELIABLE if reliability == "reliable" else ReliabilityPolicy.BEST_EFFORT
-
+    def __init__(self, node: Node, effects: Iterable[str], options: Mapping[str, object]) -> None:
+        """``options`` are the node's own parameters, `core.options.SIM`. Raises `InputError` for an override that cannot be."""
+        reliability = options["reliability"]
         self._publishers: list[Publisher] = []
         self._listeners: list[int] = []  # as many to each publisher, and since when (s, monotonic)
         self._since = 0.0
 
-        def publisher(kind: type, name: str, depth: int = DEPTH) -> Publisher:
-            made = node.create_publisher(kind, name, QoSProfile(depth=depth, reliability=reliable))
+        def publisher(kind: type, name: str, depth: int = DEPTH, qos: QoSProfile | None = None, must: str = "") -> Publisher:
+            lossy = reliability == "best_effort" or (reliability == "sensor_data" and name.startswith("measured/"))
+            made = qos_publisher(node, kind, name, qos or profile(not lossy, depth), must)
             self._publishers.append(made)
             return made
 
         self._node = node
         self._messages: dict[tuple[type, str], object] = {}
-        self._frames = track_frame, cradle_frame
-        self._clock = publisher(Clock, "/clock") if clock else None
-        self._tf = publisher(TFMessage, "/tf") if TFMessage else None
-        self._pose = publisher(PoseStamped, "pose", TICK_DEPTH)
+        self._prefix = options["frame_prefix"]
+        self._frames = self._prefix + options["track_frame"], self._prefix + options["cradle_frame"]
+        # What others look up must not be lost, whatever is asked of the rest: tf2 and clocks of its listeners ask for this.
+        self._clock = publisher(Clock, "/clock", qos=profile()) if options["publish_clock"] else None
+        self._tf = publisher(TFMessage, "/tf", qos=profile()) if TFMessage else None
+        self._tf_static = publisher(TFMessage, "/tf_static", qos=profile(depth=1, latched=True)) if TFMessage else None
+        self._pose = publisher(PoseStamped, "pose", TICK_DEPTH, must=LOSSLESS if options["lockstep"] else "")
         self._twist = publisher(TwistStamped, "twist", TICK_DEPTH)
         self._odometry = publisher(Odometry, "odometry")
         self._gaps = {gap: publisher(Range, gap) for gap in GAPS}
@@ -142,11 +150,12 @@ class SimulatorTopics:
         """What is wanted less often: odometry, gaps, forces apart, markers, transform; ``parameters`` are the model's."""
         odometry = self._blank(Odometry, stamp)
         odometry.child_frame_id = self._frames[1]
+        odometry.pose.covariance = odometry.twist.covariance = EXACT
         fill_pose(odometry.pose.pose, x[:4])
         fill_twist(odometry.twist.twist, *frames.rates_to_body_twist(x[4:8], x[3]))
         self._odometry.publish(odometry)
         for gap, to in self._gaps.items():
-            to.publish(self._gap_message(stamp, gap, truth[gap]))
+            to.publish(self._gap_message(stamp, gap, truth[gap], parameters["nominal_gap"]))
         parts = _lift_and_slip(wrenches)
         for name, publisher in self._wrenches.items():
             if name in parts:
@@ -159,16 +168,16 @@ class SimulatorTopics:
             gaps = [truth[gap] for gap in GAPS]
             self._scene.publish(MarkerArray(markers=scene(parameters, x[:4], gaps, stamp, self._frames[0])))
         if self._tf:
-            transform = self._blank(TransformStamped, stamp)
-            transform.child_frame_id = self._frames[1]
-            position, orientation = frames.coordinates_to_pose(x[:4])
-            fill_vector(transform.transform.translation, position)
-            rotation = transform.transform.rotation
-            rotation.x, rotation.y, rotation.z, rotation.w = orientation.tolist()
-            self._tf.publish(TFMessage(transforms=[transform]))
+            self._tf.publish(TFMessage(transforms=[cradle_transform(stamp, *self._frames, x[:4])]))
 
-    def measured(self, stamp: Time, sensor: str, reading: Mapping[str, float], roll: float, gravity: float) -> None:
-        """One sensor's sample; `roll` (rad) is the cradle's, which an Imu turns with."""
+    def places(self, stamp: Time, parameters: Mapping[str, float]) -> None:
+        """Where the gap sensors sit in the cradle; to be said once, and again where the model's geometry changes."""
+        if self._tf_static:
+            self._tf_static.publish(TFMessage(transforms=gap_transforms(stamp, self._frames[1], self._prefix, parameters)))
+
+    def measured(self, stamp: Time, sample: Sample, parameters: Mapping[str, float], noise: Mapping[str, float]) -> None:
+        """One sensor's sample. ``parameters`` are the model's, ``noise`` the standard deviation of each channel."""
+        sensor, reading = sample.sensor, sample.reading
         values = np.array([reading[c] for c in SENSORS[sensor]])
         if sensor == "pose":
             message = self._pose_message(stamp, values)
@@ -177,10 +186,12 @@ class SimulatorTopics:
         elif sensor == "imu":
             message = self._blank(Imu, stamp, self._frames[1])
             message.orientation_covariance[0] = message.angular_velocity_covariance[0] = -1.0  # not measured
-            specific_force = frames.accelerations_to_specific_force(values, roll, gravity)
+            specific_force = frames.accelerations_to_specific_force(values, sample.roll, parameters["gravity"])
             fill_vector(message.linear_acceleration, specific_force)
+            spread = frames.accelerations_to_specific_force(np.diag([noise[c] for c in SENSORS[sensor]]), sample.roll, 0.0)
+            message.linear_acceleration_covariance = (spread.T @ spread).ravel()
         else:
-            message = self._gap_message(stamp, sensor, reading[sensor])
+            message = self._gap_message(stamp, sensor, reading[sensor], parameters["nominal_gap"], noise[sensor])
         self._measured[sensor].publish(message)
 
     def fired(self, stamp: Time, pulse: Pulse) -> None:
@@ -196,10 +207,14 @@ class SimulatorTopics:
         fill_twist(message.twist, *frames.rates_to_twist(rates))
         return message
 
-    def _gap_message(self, stamp: Time, gap: str, value: float) -> Range:
-        message = self._blank(Range, stamp, gap)
+    def _gap_message(self, stamp: Time, gap: str, value: float, nominal: float, noise: float = 0.0) -> Range:
+        message = self._blank(Range, stamp, self._prefix + gap)
         message.radiation_type = Range.INFRARED  # the nearest kind the message knows
-        message.range = float(value)  # no limits declared: in contact a gap is slightly negative
+        message.field_of_view = FIELD_OF_VIEW
+        message.min_range, message.max_range = -0.5 * nominal, 10.0 * nominal  # in contact a gap is slightly negative
+        message.range = float(value)
+        if hasattr(message, "variance"):  # since Jazzy
+            message.variance = noise**2
         return message
 
     def _arrows(self, stamp: Time, x: np.ndarray, parts: Mapping[str, np.ndarray]) -> MarkerArray:

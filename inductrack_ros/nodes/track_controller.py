@@ -7,7 +7,6 @@ import time
 
 from geometry_msgs.msg import PointStamped, PoseStamped
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import UInt64MultiArray
 
 from ..core.parameters import PARAMETERS, Parameter
@@ -16,8 +15,9 @@ from .diagnostics import PERIOD, Diagnostics
 from .firing import FiringPlan, Motion, SpeedHold
 from .overrides import Overrides
 from .parameters import MODEL_OPTIONS, Option, declare, given, when_set, without_unknown
-from .runtime import DEPTH, NAMESPACE, every, run
-from .topics import nanoseconds_of, pulse_message, stamp_of
+from .qos import profile, publisher, subscribe
+from .runtime import NAMESPACE, every, run
+from .topics import LOSSLESS, nanoseconds_of, pulse_message, stamp_of
 
 DECLARED = {
     "mode": Option("current", "fire at a given current, or hold a speed", ("current", "speed")),
@@ -60,14 +60,14 @@ class TrackController(Node):
         self._sent = self._jumps = self._broken = 0
         self._last_pose: float | None = None  # real time
         options = self._options
-        self._pulses = self.create_publisher(PointStamped, "drive_pulses", QoSProfile(depth=DEPTH))
+        must = LOSSLESS if options["lockstep"] else ""
+        self._pulses = publisher(self, PointStamped, "drive_pulses", profile(), must)
         self._done = None
         if options["lockstep"]:
-            self._done = self.create_publisher(UInt64MultiArray, "lockstep/done", QoSProfile(depth=DEPTH))
+            self._done = publisher(self, UInt64MultiArray, "lockstep/done", profile(), must)
         # In lockstep every pose counts; else the newest does, and edges are interpolated between those that came.
-        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        qos = QoSProfile(depth=DEPTH) if options["lockstep"] else newest
-        self.create_subscription(PoseStamped, "pose", self._take_pose, qos)
+        qos = profile() if options["lockstep"] else profile(reliable=False, depth=1)
+        subscribe(self, PoseStamped, "pose", self._take_pose, qos, must)
         when_set(self, self._check_parameters, self._take_parameters)
         self._diagnostics = Diagnostics(self, "firing")
         every(self, PERIOD, self._diagnose)
