@@ -66,6 +66,8 @@ def windows_of(campaign: Campaign, channels: Mapping[str, Channel]) -> Windows |
         return None
     names = [c for c in (*COORDINATES, "surge_rate", *GAPS) if all(c in run.channels for run in campaign.runs)]
     names = [c for c in names if c in channels]
+    if not {"heave", "gap_top"} & set(names):  # measured in some runs only
+        return None
     half = _half(campaign, channels, [c for c in names if c in SWINGING])
     cut = [_cut(run, names, half, -(-WINDOWS // len(campaign.runs))) for run in campaign.runs]
     parts = [p for p in cut if p is not None]
@@ -89,7 +91,8 @@ def _half(campaign: Campaign, channels: Mapping[str, Channel], names: list[str])
     fitting = [h for h in HALVES if 2 * h + 1 <= shortest // 3] or HALVES[:1]
     for half in fitting:
         bends = {c: [_bend(run[c], half) for run in campaign.runs if c in run.channels] for c in names}
-        sizes = {c: float(np.nanmedian(np.abs(np.concatenate(b)))) for c, b in bends.items() if b and sum(map(len, b))}
+        known = {c: (y := np.abs(np.concatenate(b)))[~np.isnan(y)] for c, b in bends.items() if b}
+        sizes = {c: float(np.median(y)) for c, y in known.items() if len(y)}
         if all(size > CLEAR * 2.4 * channels[c].noise for c, size in sizes.items()):
             return half
     return fitting[-1]

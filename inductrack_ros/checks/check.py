@@ -49,7 +49,8 @@ def check(campaign: Campaign, model: Model) -> Check:
     """Look at a campaign that is to be held against a model."""
     findings = look(campaign, model)
     left = set_aside(campaign, findings)
-    return Check(campaign, findings, channels_of(left if left.runs else campaign))
+    with np.errstate(all="ignore"):
+        return Check(campaign, findings, channels_of(left if left.runs else campaign))
 
 
 def write_check(result: Check, folder: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..data.measurement import Array
 
@@ -15,8 +16,10 @@ from ..data.measurement import Array
 REACHES = ((1, 2), (3, 5), (4, 6))
 #: Samples on each side that a prediction needs.
 MARGIN = 6
-#: Samples worked on at a time.
-BLOCK = 1 << 16
+#: Samples worked on at a time, and so many of these blocks are enough for a statistic.
+BLOCK, ENOUGH = 1 << 15, 3
+#: Steps that differ by less than this part of themselves are even.
+EVEN = 1e-6
 #: Four in five normal numbers are smaller than this; beyond `CLIP` nearly none are.
 FOUR_IN_FIVE, CLIP = 1.2816, 4.0
 
@@ -27,32 +30,56 @@ def blocks(count: int) -> Iterator[slice]:
         yield slice(first, min(first + BLOCK + 2 * MARGIN, count))
 
 
-def predictions(times: Array, values: Array, reaches: tuple[tuple[int, int], ...] = REACHES) -> tuple[Array, Array]:
-    """Predictions (p, m) of the inner samples ``MARGIN … n − MARGIN`` by the cubic through four neighbours, for each of the p reaches,
-    and the standard deviation (p, m) of measured minus predicted for noise of size 1. times, values: (n,)."""
+def some_blocks(count: int) -> list[slice]:
+    """All blocks, or `ENOUGH` of many, spread evenly: what says how noisy a channel is need not see all of a long run."""
+    parts = list(blocks(count))
+    return [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, ENOUGH).astype(int))] if len(parts) > ENOUGH else parts
+
+
+def predictions(
+    times: Array, values: Array, reaches: tuple[tuple[int, int], ...] = REACHES, at: NDArray[np.intp] | None = None
+) -> tuple[Array, Array]:
+    """Predictions (p, m) of the samples ``at`` (by number; all inner ones, ``MARGIN … n − MARGIN``, unless given) by the cubic through four
+    neighbours, for each of the p reaches, and the standard deviation (p, m) of measured minus predicted for noise of size 1.
+
+    times, values: (n,).
+    """
     n = len(times)
-    inner = slice(MARGIN, n - MARGIN)
-    result = np.empty((2, len(reaches), max(n - 2 * MARGIN, 0)))
-    t = times[inner]
+
+    def shifted(column: Array, s: int) -> Array:
+        return column[MARGIN + s : n - MARGIN + s] if at is None else column[at + s]
+
+    t = shifted(times, 0)
+    result = np.empty((2, len(reaches), max(len(t), 0)))
+    even = at is None and _even(times)
     for k, (near, far) in enumerate(reaches):
         steps = (-far, -near, near, far)
-        d = [times[MARGIN + s : n - MARGIN + s] - t for s in steps]
         total, power = 0.0, 1.0
         for i, s in enumerate(steps):
             weight = 1.0
-            for j in range(4):
-                if j != i:
-                    weight = weight * (d[j] / (d[j] - d[i]))
-            total = total + weight * values[MARGIN + s : n - MARGIN + s]
+            for j, other in enumerate(steps):
+                if j != i and even:
+                    weight *= other / (other - s)
+                elif j != i:
+                    d = shifted(times, other) - t
+                    weight = weight * (d / (d - (shifted(times, s) - t)))
+            total = total + weight * shifted(values, s)
             power = power + weight * weight
         result[0, k], result[1, k] = total, np.sqrt(power)
     return result[0], result[1]
 
 
+def _even(times: Array) -> bool:
+    """Whether steps are all the same but for the digits a file writes."""
+    steps = np.diff(times)
+    return len(steps) > 0 and bool(np.ptp(steps) < EVEN * abs(steps[0]))
+
+
 def deviations(times: Array, values: Array) -> Array:
-    """(n − 2·MARGIN,) each inner sample minus the cubic through its four nearest neighbours, scaled to the noise's standard deviation."""
+    """(m,) Inner samples minus the cubic through their four nearest neighbours, scaled to the noise's standard deviation; of all samples, or of
+    a long run's `ENOUGH` blocks spread over it."""
     parts = [np.empty(0)]
-    for part in blocks(len(times)):
+    for part in some_blocks(len(times)):
         predicted, sizes = predictions(times[part], values[part], REACHES[:1])
         parts.append((values[part][MARGIN : len(predicted[0]) + MARGIN] - predicted[0]) / sizes[0])
     return np.concatenate(parts)

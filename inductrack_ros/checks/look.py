@@ -21,6 +21,7 @@ from .readings import readings
 from .sensors import sensors
 
 
+@np.errstate(all="ignore")  # what overflows or divides by nothing here is no number that anything is concluded from
 def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     """Every finding about a campaign, worst first. Linear in the samples; no fit.
 

@@ -13,7 +13,7 @@ from .finding import IMPOSSIBLE, WARNING, Finding, number
 from .noise_found import Channel
 
 #: What a factor between stated and found noise may come from.
-FACTORS = ((1e3, "thousandths (mm, mrad, mm/s) instead of SI"), (180.0 / np.pi, "degrees instead of radians"), (100.0, "cm instead of m"), (1e6, "millionths instead of SI"))
+FACTORS = ((1e3, "mm, mrad or mm/s instead of SI units"), (180.0 / np.pi, "degrees instead of radians"), (100.0, "cm instead of m"), (1e6, "millionths instead of SI units"))
 
 
 def noises(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
@@ -35,10 +35,10 @@ def _differs(channel: str, stated: float, about: Channel) -> list[Finding]:
         return []
     size = {"ratio": ratio, "found": found, "stated": stated}
     unit = UNITS[channel]
-    text = f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} times the noise_std of {number(stated)} {unit} that campaign.yaml states"
+    text = f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} of the noise_std stated, {number(stated)} {unit}"
     if not 1 / levels.NOISE_IMPOSSIBLE < ratio < levels.NOISE_IMPOSSIBLE:
         hint = meant(ratio, FACTORS)
-        remedy = f"noise_std is in SI units{f'; was it, or the data, written in {hint}?' if hint else '; correct it, or leave it out to have it estimated'}"
+        remedy = f"is one of the two in {hint}?" if hint else "noise_std is in SI units; correct it, or leave it out to have it estimated"
         return [Finding("noise_differs", IMPOSSIBLE, text, remedy, channel, size=size)]
     if 1 / levels.NOISE_DIFFERS < ratio < levels.NOISE_DIFFERS or about.step:
         return []

@@ -10,7 +10,7 @@ import numpy as np
 from ..data import Campaign
 from ..data.measurement import Array
 from . import levels
-from .local import deviations, misses, second_differences, spread
+from .local import deviations, misses, second_differences, some_blocks, spread
 
 #: Samples of a channel in each run that its step is looked for in.
 READINGS = 20_000
@@ -53,8 +53,9 @@ class Channel:
 
 
 def channels_of(campaign: Campaign) -> Mapping[str, Channel]:
-    """Every channel of a campaign as its samples show it."""
-    return {channel: _channel(campaign, channel) for channel in campaign.channels}
+    """Every channel of a campaign that has samples, as these show it."""
+    known = [c for c in campaign.channels if any(run.measured[:, run.channels.index(c)].any() for run in campaign.runs if c in run.channels)]
+    return {channel: _channel(campaign, channel) for channel in known}
 
 
 def _channel(campaign: Campaign, channel: str) -> Channel:
@@ -63,7 +64,7 @@ def _channel(campaign: Campaign, channel: str) -> Channel:
     low, middle, high = np.quantile(values, [0.01, 0.5, 0.99])
     left = np.concatenate([deviations(t, y) for t, y in runs])
     missed = np.concatenate([misses(t, y) for t, y in runs], axis=1)
-    lines = np.concatenate([second_differences(t, y) for t, y in runs])
+    lines = np.concatenate([second_differences(t[part], y[part]) for t, y in runs for part in some_blocks(len(t)) or [slice(None)]])
     if not len(left):  # runs too short for four neighbours
         left = lines
     reaches = tuple(map(spread, missed)) if missed.size else (np.inf,) * len(missed)

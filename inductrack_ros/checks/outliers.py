@@ -13,7 +13,7 @@ from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, number, place, quantity
-from .local import MARGIN, blocks, predictions
+from .local import MARGIN, REACHES, blocks, predictions
 from .noise_found import Channel
 
 #: Times that the search is done again without what was found, so that neighbours of a bad sample are seen too.
@@ -59,6 +59,8 @@ def _absurd(campaign: Campaign, channel: str) -> tuple[Rows, list[float]]:
     runs = [run for run in campaign.runs if channel in run.channels]
     parts = [run.samples(channel)[1] for run in runs]
     usual = np.concatenate([y[:: max(len(y) // 20_000, 1)] for y in parts])
+    if not len(usual):
+        return {}, []
     low, middle, high = np.quantile(usual, [0.05, 0.5, 0.95])
     width = float(high - low)
     rows: Rows = {}
@@ -66,9 +68,9 @@ def _absurd(campaign: Campaign, channel: str) -> tuple[Rows, list[float]]:
     for run in runs:
         column = run[channel]
         with np.errstate(invalid="ignore", over="ignore"):
-            far = np.abs(column - middle) > levels.ABSURD * width
-            known = np.isin(column, levels.FILLERS) & (np.abs(column - middle) > width)
-        mine = np.flatnonzero((far | known) & (width > 0))
+            away = np.flatnonzero((np.abs(column - middle) > width) & (width > 0))
+            far = np.abs(column[away] - middle) > levels.ABSURD * width
+        mine = away[far | np.isin(column[away], levels.FILLERS)]
         if len(mine):
             rows[run.name] = mine
             values += column[mine].tolist()
@@ -125,19 +127,20 @@ def _leave(times: Array, values: Array, floors: Array, steps: bool) -> tuple[NDA
     numbers, sizes = [np.empty(0, np.intp)], [np.empty(0)]
     for part in blocks(len(times)):
         t, y = times[part], values[part]
-        predicted, _ = predictions(t, y)
-        inner = slice(MARGIN, len(y) - MARGIN)
-        away = y[inner] - predicted
-        least = np.abs(away).min(axis=0)
+        nearest, _ = predictions(t, y, REACHES[:1])
+        at = np.flatnonzero(np.abs(y[MARGIN : len(y) - MARGIN] - nearest[0]) > floors[0]) + MARGIN
+        if not len(at):
+            continue
+        predicted, _ = predictions(t, y, at=at)  # of these few by all that can be
+        away = np.abs(y[at] - predicted)
         a, b, c = predicted
         agree = np.minimum(np.minimum(np.abs(a - b), np.abs(a - c)), np.abs(b - c))
-        off = (np.abs(away) > floors).all(axis=0) & (least > levels.KINK * agree)
+        off = (away > floors).all(axis=0) & (away.min(axis=0) > levels.KINK * agree)
         if steps:
-            around = np.stack([y[MARGIN + k : len(y) - MARGIN + k] for k in (-2, -1, 1, 2)])
-            off &= (y[inner] > around.max(axis=0) + floors[0]) | (y[inner] < around.min(axis=0) - floors[0])
-        mine = np.flatnonzero(off)
-        numbers.append(mine + MARGIN + part.start)
-        sizes.append(least[mine])
+            around = np.stack([y[at + k] for k in (-2, -1, 1, 2)])
+            off &= (y[at] > around.max(axis=0) + floors[0]) | (y[at] < around.min(axis=0) - floors[0])
+        numbers.append(at[off] + part.start)
+        sizes.append(away.min(axis=0)[off])
     return np.concatenate(numbers), np.concatenate(sizes)
 
 

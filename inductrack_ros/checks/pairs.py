@@ -17,7 +17,7 @@ from .noise import meant
 from .noise_found import Channel
 
 #: Slopes a unit that was not SI gives.
-FACTORS = ((1e3, "thousandths (mm, mrad, mm/s) instead of SI"), (180 / np.pi, "degrees instead of radians"), (3.6, "km/h instead of m/s"), (100.0, "cm instead of m"), (60.0, "per minute instead of per second"), (9.81, "g instead of m/s²"))
+FACTORS = ((1e3, "mm, mrad or mm/s instead of SI units"), (180 / np.pi, "degrees instead of radians"), (3.6, "km/h instead of m/s"), (100.0, "cm instead of m"), (60.0, "per minute instead of per second"), (9.81, "g instead of m/s²"))
 #: Samples of each run that are looked at, and how many of them an increment spans: the span whose increments correlate best is taken.
 MOST, SPANS = 60_000, (1, 2, 4, 8, 16, 32)
 #: Increments that an answer needs.
@@ -98,8 +98,8 @@ def _increments(runs: list[Run], whole: str, derivative: str, order: int, span: 
         return None
     # Impacts, of which samples see too little, and what else is rare are left out.
     size = np.abs(table[:2] - np.median(table[:2], axis=1, keepdims=True))
-    kept = (size <= 20 * np.quantile(size, 0.8, axis=1, keepdims=True) + 1e-300).all(axis=0)
-    return tuple(table[:, kept])
+    kept = (size <= 20 * np.quantile(size, 0.8, axis=1, keepdims=True) + 1e-300).all(axis=0) & np.isfinite(table).all(axis=0)
+    return tuple(table[:, kept]) if kept.sum() >= FEWEST else None
 
 
 def _correlation(a: Array, b: Array) -> float:
@@ -138,6 +138,8 @@ def _shift(runs: list[Run], whole: str, derivative: str, order: int) -> float | 
         x, v = (np.interp(t, run.times[rows], run[c][rows]) for c in (whole, derivative))
         for _ in range(order):
             v = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+        if not (np.isfinite(x).all() and np.isfinite(v).all()):
+            return None
         x, v = signal.detrend(x), signal.detrend(v)
         product = signal.correlate(x, v, method="fft")
         lags = signal.correlation_lags(len(x), len(v))

@@ -16,6 +16,8 @@ from .words import in_channel, listed, number, shown, title
 TONES = {"clean": "good", "usable": "warn", "impossible": "bad"}
 #: Findings said on the first screen; pictures of where they are; samples shown beside the first one.
 SAID, PICTURES, BESIDE = 5, 8, 60
+#: Nothing is drawn larger than this.
+LARGEST = 1e30
 
 
 def check_report(result: Check) -> str:
@@ -29,10 +31,11 @@ def check_report(result: Check) -> str:
         notes=result.campaign.notes,
     )
     page.picture(page.figure(_noise(result), "Noise found from neighbouring samples, and as campaign.yaml states it."))
-    page.section("Findings", _findings(result))
+    if len(result.findings) > SAID:
+        page.section("Findings", _findings(result))
     pictures = [_picture(page, result, f) for f in result.findings]
     if shown_ := [p for p in pictures if p][:PICTURES]:
-        page.section("Where", joined(shown_))
+        page.section("Where", markup('<div class="two">{}</div>', joined(shown_)))
     page.section("Channels", _channels(result))
     page.section("Runs", _runs(result))
     return page.render()
@@ -46,7 +49,7 @@ def verdict(result: Check) -> str:
     runs = "The one run" if len(result.campaign.runs) == 1 else f"All {len(result.campaign.runs)} runs"
     if result.verdict == "impossible":
         wrong = [f for f in result.findings if f.severity == IMPOSSIBLE]
-        return f"The data cannot be meant as they are written: {wrong[0].text}."
+        return f"The data cannot be meant as they are written: {len(wrong)} thing{_s(wrong)} cannot be so."
     if result.verdict == "clean":
         return f"Nothing wrong was found in the data. {runs} can be used as {'it is' if len(result.campaign.runs) == 1 else 'they are'}."
     parts = [f for f in result.findings if f.severity == SET_ASIDE]
@@ -75,8 +78,6 @@ def _lead(result: Check) -> str:
 
 
 def _findings(result: Check) -> str:
-    if not result.findings:
-        return markup("<p>None.</p>")
     rows = [
         [severity_word(f), title(f.channel) if f.channel in UNITS else f.run or "–", f.text, f.remedy or "–"]
         for f in result.findings
@@ -118,11 +119,16 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
     marked = np.array([i for i in rows if first <= i < last])
     factor, unit = shown(finding.channel)
     others = np.setdiff1d(np.arange(first, last), marked)
-    values = run[finding.channel] * factor
+    values = np.clip(run[finding.channel], -LARGEST, LARGEST) * factor
+    axis = title(finding.channel).lower()
+    seen = others[~np.isnan(values[others])]
+    if finding.channel == "surge" and len(seen) > 1:  # its travel would hide all else
+        values = values - np.polynomial.Polynomial.fit(run.times[seen], values[seen], 1)(run.times)
+        axis += " off a steady one"
     data = [_dots(run, others, values, "@measured", "used"), _dots(run, marked, values, "@before", "left out")]
     layout = {
         "xaxis": {"title": "time, s"},
-        "yaxis": {"title": f"{title(finding.channel).lower()}, {unit}"},
+        "yaxis": {"title": f"{axis}, {unit}"},
         "margin": {"t": 10},
     }
     return page.figure(Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{name}: {finding.text}.")

@@ -147,7 +147,7 @@ def severity_word(finding: Finding) -> Markup:
 
 def finding_words(finding: Finding) -> Markup:
     """A finding in one line, its severity first."""
-    return markup("{}: {}.", severity_word(finding), finding.line)
+    return markup("{}: {}", severity_word(finding), finding.line if finding.line.endswith("?") else f"{finding.line}.")
 
 
 def findings_list(findings: Sequence[Finding]) -> Markup:
