@@ -15,15 +15,10 @@ import numpy as np
 from .model import Model
 from .parameters import Parameter
 from .sensors import Past, Sensors
-from .state import ACCELERATIONS, CHANNEL, COORDINATES, GAPS, INDEX, OUTPUTS, RATES
+from .state import CHANNEL, INDEX, INSTRUMENTS, OUTPUTS
 
 #: The channels that each sensor delivers in one message.
-SENSORS: dict[str, tuple[str, ...]] = {
-    "pose": COORDINATES,
-    "twist": RATES,
-    "imu": ACCELERATIONS[:3],
-    **{gap: (gap,) for gap in GAPS},
-}
+SENSORS = {name: instrument.channels for name, instrument in INSTRUMENTS.items()}
 MAX_DELAY = 0.1  # s
 _FIRST = 256  # ticks of the truth that are kept to begin with
 _EARLY = 1e-9  # s by which a moment may come before it is asked for: rounding
@@ -33,8 +28,7 @@ def declared() -> dict[str, Parameter]:
     """Parameters of the sensor model: `measured.<sensor>.<rate|dropout>`, `measured.<channel>.<noise|bias|delay>`."""
     table = {}
     for sensor, channels in SENSORS.items():
-        rate = 500.0 if sensor in ("pose", "twist") else 100.0
-        table[f"measured.{sensor}.rate"] = Parameter(rate, "Hz", 0.0, 1000.0, f"samples of {sensor}; 0 is off")
+        table[f"measured.{sensor}.rate"] = Parameter(INSTRUMENTS[sensor].rate, "Hz", 0.0, 1000.0, f"samples of {sensor}; 0 is off")
         table[f"measured.{sensor}.dropout"] = Parameter(0.0, "", 0.0, 1.0, f"share of {sensor} samples that are lost")
         for c in channels:
             unit = CHANNEL[c].unit

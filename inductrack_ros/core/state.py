@@ -25,32 +25,57 @@ class Channel:
     """What is known of a measured channel before any measurement.
 
     ``unit`` SI; ``noise`` the standard deviation of a good sensor of its kind; ``size`` an error of the reading that
-    would matter; ``span`` how far the channel goes on a rig like the paper's, both in ``unit``.
+    would matter; ``span`` how far the channel goes on a rig like the paper's, all in ``unit``. ``title`` is how people
+    say it, ``shown`` the factor and the unit in which reports show it.
     """
 
     unit: str
     noise: float
     size: float
     span: float
+    title: str
+    shown: tuple[float, str]
+
+
+def _channel(unit: str, noise: float, size: float, span: float, title: str, thousandths: bool = False) -> Channel:
+    return Channel(unit, noise, size, span, title, (1e3, f"m{unit}") if thousandths else (1.0, unit))
 
 
 #: Every column of `OUTPUTS`, declared once.
 CHANNEL: dict[str, Channel] = {
-    "surge": Channel("m", 5e-4, 1e-4, 10.0),
-    "sway": Channel("m", 3e-5, 1e-4, 0.01),
-    "heave": Channel("m", 3e-5, 1e-4, 0.01),
-    "roll": Channel("rad", 1e-4, 1e-3, 0.1),
-    "surge_rate": Channel("m/s", 0.02, 1e-2, 10.0),
-    "sway_rate": Channel("m/s", 2e-3, 1e-2, 0.5),
-    "heave_rate": Channel("m/s", 2e-3, 1e-2, 0.5),
-    "roll_rate": Channel("rad/s", 5e-3, 1e-2, 5.0),
-    **dict.fromkeys(GAPS, Channel("m", 3e-5, 1e-4, 0.01)),
-    **dict.fromkeys(ACCELERATIONS[:3], Channel("m/s²", 0.05, 0.1, 10.0)),
-    "roll_acceleration": Channel("rad/s²", 0.5, 0.1, 100.0),
+    "surge": _channel("m", 5e-4, 1e-4, 10.0, "Travel (surge)"),
+    "sway": _channel("m", 3e-5, 1e-4, 0.01, "Sway", thousandths=True),
+    "heave": _channel("m", 3e-5, 1e-4, 0.01, "Heave", thousandths=True),
+    "roll": _channel("rad", 1e-4, 1e-3, 0.1, "Roll", thousandths=True),
+    "surge_rate": _channel("m/s", 0.02, 1e-2, 10.0, "Surge speed"),
+    "sway_rate": _channel("m/s", 2e-3, 1e-2, 0.5, "Sway speed", thousandths=True),
+    "heave_rate": _channel("m/s", 2e-3, 1e-2, 0.5, "Heave speed", thousandths=True),
+    "roll_rate": _channel("rad/s", 5e-3, 1e-2, 5.0, "Roll speed", thousandths=True),
+    **{f"gap_{side}": _channel("m", 3e-5, 1e-4, 0.01, f"{side.capitalize()} gap", thousandths=True) for side in ("top", "right", "left")},
+    **{a: _channel("m/s²", 0.05, 0.1, 10.0, f"{c.capitalize()} acceleration") for c, a in zip(COORDINATES[:3], ACCELERATIONS, strict=False)},
+    "roll_acceleration": _channel("rad/s²", 0.5, 0.1, 100.0, "Roll acceleration"),
 }
 UNITS = {name: channel.unit for name, channel in CHANNEL.items()}
 #: Unit of a channel's change per second, by the channel's own.
 RATE_UNITS = {"m": "m/s", "rad": "rad/s", "m/s": "m/s²", "rad/s": "rad/s²", "m/s²": "m/s³", "rad/s²": "rad/s³"}
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """A sensor of the rig: the ``channels`` that it delivers in one ``message`` (a ROS type), and its usual ``rate`` (Hz)."""
+
+    channels: tuple[str, ...]
+    message: str
+    rate: float
+
+
+#: The rig's sensors by the name that their topics and parameters bear, declared once.
+INSTRUMENTS: dict[str, Instrument] = {
+    "pose": Instrument(COORDINATES, "geometry_msgs/msg/PoseStamped", 500.0),
+    "twist": Instrument(RATES, "geometry_msgs/msg/TwistStamped", 500.0),
+    "imu": Instrument(ACCELERATIONS[:3], "sensor_msgs/msg/Imu", 100.0),
+    **{gap: Instrument((gap,), "sensor_msgs/msg/Range", 100.0) for gap in GAPS},
+}
 
 #: Coordinates that move for each number of degrees of freedom; the others are held (1: the speed is held too).
 class _Moving(dict[int | tuple[str, ...], tuple[str, ...]]):

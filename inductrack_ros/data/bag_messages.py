@@ -16,26 +16,14 @@ from rosbags.typesys import Stores, get_typestore
 
 from .. import frames
 from ..core.errors import InputError, did_you_mean
-from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
+from ..core.state import GAPS, INSTRUMENTS
 from .bag_files import Bag
 from .measurement import Array
 from .order import Place, in_order
 
-TYPES = {
-    "pose": "geometry_msgs/msg/PoseStamped",
-    "twist": "geometry_msgs/msg/TwistStamped",
-    "imu": "sensor_msgs/msg/Imu",
-    **dict.fromkeys(GAPS, "sensor_msgs/msg/Range"),
-    "pulses": "geometry_msgs/msg/PointStamped",
-}
+TYPES = {name: sensor.message for name, sensor in INSTRUMENTS.items()} | {"pulses": "geometry_msgs/msg/PointStamped"}
 #: Columns that a topic gives; those of pulses are coil and current.
-COLUMNS = {
-    "pose": COORDINATES,
-    "twist": RATES,
-    "imu": ACCELERATIONS[:3],
-    **{gap: (gap,) for gap in GAPS},
-    "pulses": ("coil", "current"),
-}
+COLUMNS = {name: sensor.channels for name, sensor in INSTRUMENTS.items()} | {"pulses": ("coil", "current")}
 #: Messages that are turned into channels at a time.
 BLOCK = 4096
 #: The largest component of a unit quaternion is between 0.5 and 1.

@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from .. import frames
 from ..core.rig import SENSORS, Sample
-from ..core.state import ACCELERATIONS, COORDINATES, GAPS, RATES
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INSTRUMENTS, RATES
 from .drive import Pulse
 from .qos import DEPTH, profile
 from .qos import publisher as qos_publisher
@@ -106,8 +106,8 @@ class SimulatorTopics:
         self._forces = publisher(MarkerArray, "forces")
         self._scene = publisher(MarkerArray, "scene")
         self._fired = publisher(PointStamped, "fired_pulses")
-        kinds = {"pose": PoseStamped, "twist": TwistStamped, "imu": Imu, **dict.fromkeys(GAPS, Range)}
-        self._measured = {name: publisher(kinds[name], f"measured/{name}", TICK_DEPTH) for name in SENSORS}
+        kinds = {f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}": kind for kind in (PoseStamped, TwistStamped, Imu, Range)}
+        self._measured = {name: publisher(kinds[s.message], f"measured/{name}", TICK_DEPTH) for name, s in INSTRUMENTS.items()}
 
     def _blank(self, kind: type, stamp: Time, frame: str | None = None):
         """The one message of this type and frame, to be filled and published: making one takes longer than filling it."""

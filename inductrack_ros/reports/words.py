@@ -4,29 +4,20 @@ from __future__ import annotations
 
 import math
 
-from ..core.state import ACCELERATIONS, GAPS, UNITS
+from ..core.state import CHANNEL
 
-#: How a channel is shown: factor and unit. Millimetres where a rig's motion is millimetres.
-_SHOWN = (
-    dict.fromkeys(("sway", "heave", *GAPS), (1e3, "mm"))
-    | dict.fromkeys(("sway_rate", "heave_rate"), (1e3, "mm/s"))
-    | {"roll": (1e3, "mrad"), "roll_rate": (1e3, "mrad/s")}
-)
 #: Parameters that have a letter of their own in the paper.
 SYMBOL = {"eta": "η", "gamma": "γ"}
-_TITLES = {"surge": "Travel (surge)", "gap_top": "Top gap", "gap_right": "Right gap", "gap_left": "Left gap"}
 
 
 def shown(channel: str) -> tuple[float, str]:
     """Factor from SI and unit in which a channel is shown."""
-    return _SHOWN.get(channel, (1.0, UNITS.get(channel, "")))
+    return CHANNEL[channel].shown if channel in CHANNEL else (1.0, "")
 
 
 def title(channel: str) -> str:
     """A channel's name as people say it."""
-    if channel in ACCELERATIONS:
-        return channel.split("_")[0].capitalize() + " acceleration"
-    return _TITLES.get(channel, channel.replace("_rate", " speed").capitalize())
+    return CHANNEL[channel].title if channel in CHANNEL else channel.replace("_", " ").capitalize()
 
 
 def number(value: float | None, digits: int = 3) -> str:
