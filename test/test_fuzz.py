@@ -7,8 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import functools
+import gc
+import io
 import math
+import shutil
 import string
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,13 +26,17 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from rclpy.parameter import Parameter as RosParameter
 from std_msgs.msg import UInt64MultiArray
+from rosbags.rosbag2 import StoragePlugin, Writer
 from std_srvs.srv import SetBool, Trigger
+from test_data_bags import STORE, pose
 
+from inductrack_ros import cli
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.parameters import PARAMETERS
-from inductrack_ros.core.state import CHANNELS, STATES
+from inductrack_ros.core.state import CHANNELS, COORDINATES, STATES
 from inductrack_ros.data import Pulses, load_campaign, read_bag, read_csv, write_bag
+from inductrack_ros.data.mcap_salvage import zstd
 from inductrack_ros.nodes.sim import SimNode
 from inductrack_ros.nodes.simulation import parse_initial_state
 from inductrack_ros.nodes.topics import nanoseconds_of, stamp_of
@@ -106,6 +115,12 @@ def rig(tmp_path_factory) -> Path:
     (folder / "run.csv").write_text("time,surge,heave\n0,0,-0.005\n0.1,1.5,-0.004\n")
     (folder / "model.yaml").write_text("eta: 0.7\n")
     pulses = Pulses(np.zeros(1), np.array([3]), np.array([7e3]))
+    with Writer(folder / "old", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        messages = [pose(i * 2_000_000 + 1) for i in range(20)]
+        connection = writer.add_connection("/inductrack/pose", messages[0][0], typestore=STORE)
+        for i, (kind, message) in enumerate(messages):
+            writer.write(connection, i, STORE.serialize_cdr(message, kind))
+    shutil.move(folder / "old" / "old.db3", folder / "old.db3")
     write_bag(folder / "bag", np.arange(50) / 500, dict.fromkeys(STATES, np.zeros(50)), pulses=pulses)
     return folder
 
@@ -115,6 +130,7 @@ RUN_ENTRIES = st.fixed_dictionaries(
     optional={
         "drive_current": SCALARS,
         "initial_state": st.dictionaries(st.sampled_from(STATES) | SCALARS, SCALARS, max_size=2),
+        "conditions": st.dictionaries(WORDS | SCALARS, SCALARS, max_size=2) | SCALARS,
     },
 )
 CAMPAIGNS = st.fixed_dictionaries(
@@ -123,7 +139,8 @@ CAMPAIGNS = st.fixed_dictionaries(
         "name": SCALARS,
         "model": st.sampled_from(["model.yaml", "bag", "/dev/zero"]) | SCALARS,
         "free": st.lists(WORDS | SCALARS, max_size=2) | SCALARS,
-        "dof": st.integers(0, 5) | SCALARS,
+        "dof": st.integers(0, 5) | st.lists(st.sampled_from(COORDINATES) | SCALARS, max_size=3) | SCALARS,
+        "inputs": st.dictionaries(WORDS, st.sampled_from(["heave", "/inductrack/pose:pose.position.x", ":", "/:a.b"]) | SCALARS, max_size=2) | SCALARS,
         "noise_std": st.dictionaries(st.sampled_from(CHANNELS), SCALARS, max_size=2) | SCALARS,
         "topics": st.dictionaries(st.sampled_from(["pose", "twist", "pulses"]), SCALARS, max_size=2) | SCALARS,
     },
@@ -149,12 +166,98 @@ HEADERS = st.lists(st.sampled_from(["time", "heave", "surge", "heve", ""]), max_
 TABLES = st.builds(lambda head, body, end: end.join([head, *body]).encode(), HEADERS, ROWS, st.sampled_from("\n\r\v"))
 
 
-@fuzz(80)
-@given(content=st.binary(max_size=200) | TABLES)
+NAMES = ["time", "Time (ms)", "t [us]", "time_ns", "timestamp", "heave", "heave [mm]", "roll/deg", "surge_rate (km/h)", "surge", "heve", "temperature",
+         "heave [parsec]", "", "#time", "sep=;"]  # fmt: skip
+DIALECT_CELLS = CELLS | st.sampled_from(["1,5", "-0,004", "1.5e-3", "1700000000000000000", "-9999", "2026-01-01T10:00:00.5Z", "2026-13-45", "12:30:01", "99:99",
+                                         "01.02.2026 10:00", "NaT", "°", "mm", "[s]", "=1/0", "TRUE", "0x1F", "1e400", "-", "#N/A"])  # fmt: skip
+ENCODINGS = st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32", "latin-1", "cp1252", "shift-jis"])
+
+
+@st.composite
+def dialects(draw) -> bytes:
+    """A table as a logger may write it: mostly a good one, with a few cells, rows and lines that are odd."""
+    separator, end = draw(st.sampled_from([",", ";", "\t", "|", " ", ", "])), draw(st.sampled_from(["\n", "\r\n", "\r"]))
+    header = draw(st.lists(st.sampled_from(NAMES), min_size=1, max_size=5))
+    step = draw(st.sampled_from([0.004, 1e-3, 4.0, 4e6, 0.0, -1.0, 1e300]))
+    rows = [[repr(i * step)] + [repr(0.1 * i)] * (len(header) - 1) for i in range(draw(st.integers(0, 30)))]
+    for _ in range(draw(st.integers(0, 3))):
+        if rows:
+            row = draw(st.sampled_from(rows))
+            row[draw(st.integers(0, len(row) - 1))] = draw(DIALECT_CELLS)
+    lines = [separator.join(header), *map(separator.join, rows)]
+    for _ in range(draw(st.integers(0, 3))):
+        lines.insert(draw(st.integers(0, len(lines))), draw(st.sampled_from(["# note", "% x", "sep=;", "", separator, "s;m;m", "[ms],[mm]", '"', "end", "Logger 3"])))
+    text = end.join(lines) + draw(st.sampled_from(["", end, separator]))
+    if draw(st.booleans()):
+        text = text.replace(".", ",")
+    return text.encode(draw(ENCODINGS), errors="replace")[: draw(st.sampled_from([None, None, -1, -7]))]
+
+
+@fuzz(160)
+@given(content=st.binary(max_size=200) | TABLES | dialects())
 def test_a_csv(tmp_path, content):
     (tmp_path / "run.csv").write_bytes(content)
     with one_line_or_a_result():
         sound(read_csv(tmp_path / "run.csv"))
+
+
+GOOD_TIMES = np.arange(400) / 250
+ALLOCATORS = 64 * 2**20  # bytes by which the same work differs from one time to the next
+
+
+@fuzz(8)
+@given(
+    factor=st.sampled_from([1e3, 1e6, 1e9, 1e-3, 1.0]),
+    offset=st.sampled_from([0.0, 1.7e9, -1e9, 1e300]),
+    odd=st.lists(st.tuples(st.integers(0, 399), st.floats(allow_nan=False)), max_size=2),
+    command=st.sampled_from(["check", "compare"]),
+)
+def test_no_clock_takes_more_than_twice_the_memory_of_a_good_one(tmp_path, factor, offset, odd, command):
+    """Units of time, epochs and wild stamps, through the command: a status, one line where it is 2."""
+    times = offset + factor * GOOD_TIMES
+    for i, stamp in odd:
+        times[i] = stamp
+    good = _good_memory(command)
+    with no_hang():
+        status, said, taken = _run_command(command, tmp_path, times)
+    assert status == 0 or status == 2 and said.strip() and "Traceback" not in said
+    assert taken <= 2 * good + ALLOCATORS
+
+
+@functools.cache
+def _good_run() -> np.ndarray:
+    run = Model.default().simulate(GOOD_TIMES, Model.default().initial_state(surge_rate=18.0), 0.0)
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, (2, len(GOOD_TIMES)))
+    return np.array([run["surge"], run["heave"]]) + noise
+
+
+def _run_command(command: str, folder: Path, times: np.ndarray) -> tuple[int, str, int]:
+    """Exit status, what standard error says, and the memory (bytes) that it took at its height."""
+    rig = folder / "rig"
+    rig.mkdir(parents=True, exist_ok=True)
+    rows = "".join(f"{t!r},{surge!r},{heave!r}\n" for t, surge, heave in zip(times.tolist(), *_good_run().tolist(), strict=True))
+    (rig / "run.csv").write_text("time,surge,heave\n" + rows)
+    (rig / "campaign.yaml").write_text("noise_std: {surge: 1e-4, heave: 1e-4}\nruns: [{file: run.csv, drive_current: 0}]\n")
+    gc.collect()
+    Path("/proc/self/clear_refs").write_text("5")  # forget the height so far
+    before = _resident("VmRSS")
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
+        status = cli.main([command, str(rig), "--output", str(folder / "out")])
+    return status, said.getvalue(), _resident("VmHWM") - before
+
+
+def _resident(name: str) -> int:
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(name))
+    return 1024 * int(line.split()[1])
+
+
+@functools.cache
+def _good_memory(command: str) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(2):  # the first time compiles and imports
+            status, said, taken = _run_command(command, Path(folder), GOOD_TIMES)
+            assert status == 0, said
+    return taken
 
 
 def sound(run) -> None:
@@ -165,23 +268,36 @@ def sound(run) -> None:
 @fuzz(80)
 @given(data=st.data())
 def test_a_bag(rig, tmp_path, data):
-    """Bytes of any kind, a whole bag with some bytes changed, and a bag whose metadata are anything."""
-    whole = (rig / "bag" / "bag.mcap").read_bytes()
-    kind = data.draw(st.sampled_from(["bytes", "changed", "metadata"]))
-    target = tmp_path / "bag"
+    """Bytes of any kind; a whole bag that is cut, packed, or has some bytes changed; one whose metadata are anything."""
+    whole = data.draw(st.sampled_from([rig / "bag" / "bag.mcap", rig / "old.db3"])).read_bytes()
+    kind = data.draw(st.sampled_from(["bytes", "changed", "cut", "packed", "beside", "metadata"]))
+    target = tmp_path / data.draw(st.sampled_from(["bag", "run #3", "50%20V", "a?b"]))
+    shutil.rmtree(target, ignore_errors=True)
+    suffix = ".mcap" if whole.startswith(b"\x89MCAP") else ".db3"
     if kind == "bytes":
         suffix, magic = data.draw(st.sampled_from([(".mcap", b"\x89MCAP0\r\n"), (".db3", b"SQLite format 3\0")]))
-        target = tmp_path / f"bag{suffix}"
+        target = tmp_path / f"bytes{suffix}"
         target.write_bytes(data.draw(st.sampled_from([b"", magic])) + data.draw(st.binary(max_size=300)))
     elif kind == "changed":
         content = bytearray(whole)
         for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=5)):
             content[place] = data.draw(st.integers(0, 255))
-        target = tmp_path / "bag.mcap"
+        target = tmp_path / f"changed{suffix}"
         target.write_bytes(content)
+    elif kind == "cut":
+        target = tmp_path / f"cut{suffix}"
+        target.write_bytes(whole[: data.draw(st.integers(0, len(whole)))])
+    elif kind == "packed":
+        target.mkdir()
+        (target / f"run_0{suffix}.zstd").write_bytes(zstd.compress(whole)[: data.draw(st.sampled_from([None, None, -1, -50]))])
+    elif kind == "beside":  # what a killed recorder leaves beside its database may be anything
+        target.mkdir()
+        (target / f"run_0{suffix}").write_bytes(whole)
+        journal = data.draw(st.sampled_from(["-wal", "-journal"]))
+        (target / f"run_0{suffix}{journal}").write_bytes(data.draw(st.binary(max_size=200)))
     else:
-        target.mkdir(exist_ok=True)
-        (target / "bag.mcap").write_bytes(whole)
+        target.mkdir()
+        (target / f"bag{suffix}").write_bytes(whole)
         words = st.text("rosbag2_infmtv: \n-[]{}019", max_size=100).map(str.encode)
         given = (rig / "bag" / "metadata.yaml").read_bytes()
         cut = st.integers(0, len(given)).map(lambda n: given[:n])
