@@ -148,6 +148,13 @@ def test_rows_in_another_order_and_repeated(tmp_path):
     assert run.notes == ("2 rows filed out of order sorted by their stamps", "1 row that repeats another exactly left out")
 
 
+def test_a_first_time_of_0_is_no_stamp_before_the_clock_ran(tmp_path):
+    run = read(tmp_path, "time,heave\n0,0\n4000000,1\n8000000,2\n")  # ns, not s
+    assert len(run.times) == 3 and run.notes == ()
+    run = read(tmp_path, "time,heave\n0,0\n1760000000.0,1\n1760000000.1,2\n")
+    assert len(run.times) == 2 and run.notes == ("1 row stamped 0 left out: the clock did not run yet",)
+
+
 def test_columns_for_the_model(tmp_path):
     text = "time,heave,wind speed [km/h],I_bus\n0,1,36,5\n1,2,,6\n"
     run = read(tmp_path, text, inputs={"wind": "wind speed", "drive_current": "I_bus"})

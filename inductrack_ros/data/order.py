@@ -38,12 +38,12 @@ def in_order(stamps: Array | NDArray[np.int64], columns: Sequence[Array], place:
     Raises InputError for a clock that goes back and for two different samples at one time.
     """
     second = 1_000_000_000 if stamps.dtype.kind == "i" else 1.0
-    if len(stamps) < 2 or (np.diff(stamps) > 0).all() and (stamps[0] != 0 or stamps[1] <= BEFORE_THE_CLOCK * second):
+    if len(stamps) < 2 or (np.diff(stamps) > 0).all() and (stamps[0] != 0 or not _before_the_clock(stamps[1:], second)):
         return None, []
     notes: list[str] = []
     index = np.arange(len(stamps))
     zero = stamps == 0
-    if zero.any() and not zero.all() and stamps[~zero].min() > BEFORE_THE_CLOCK * second:
+    if zero.any() and _before_the_clock(stamps[~zero], second):
         index = index[~zero]
         notes.append(f"{place.counted(int(zero.sum()))} stamped 0 left out: the clock did not run yet")
     late = np.maximum.accumulate(stamps[index]) - stamps[index]
@@ -69,3 +69,10 @@ def in_order(stamps: Array | NDArray[np.int64], columns: Sequence[Array], place:
         index = np.delete(index, same + 1)
         notes.append(f"{place.counted(len(same))} that repeat{'s' if len(same) == 1 else ''} another exactly left out")
     return index, notes
+
+
+def _before_the_clock(others: Array | NDArray[np.int64], second: float) -> bool:
+    """Whether a stamp of 0 lies so far before the ``others`` that it is none: further than their own steps make plausible."""
+    if not len(others) or others.min() <= BEFORE_THE_CLOCK * second:
+        return False
+    return len(others) == 1 or others.min() > 100.0 * np.median(np.abs(np.diff(others)))
