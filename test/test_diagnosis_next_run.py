@@ -45,3 +45,9 @@ def test_the_proposed_run_settles_what_was_open(tmp_path):
     fall = {r.name: r.chi2_fall for r in after.rivals}
     told = np.sqrt(fall["aerodynamic_drag"] - fall["skin_friction_drag"])
     assert 0.5 < told / run.sigmas["skin_friction_drag"] < 2
+
+    # All that could be is listed, also what promised too little to be refitted.
+    screened = {n for n, e in Model.default().known_effects.items() if e.screened and not e.of_channel and e.only != "pulses"}
+    assert screened <= set(fall)
+    assert {r.name for r in after.rivals if r.chosen} == {"aerodynamic_drag"}
+    assert all(r.words.startswith("not refitted") and not r.size for r in after.rivals if not r.refitted)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,7 +19,7 @@ from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import support
-from .candidates import WAVES
+from .candidates import WAVES, Screened
 from .experiment import propose
 from .gate import Gate
 from .race import Trial
@@ -204,8 +204,9 @@ def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:
     names = list(root.names)
     for step in [n for n in chosen.names if n not in root.names]:
         parent = search.part(chosen, names)
-        thresholds = {s.candidate.name: s.candidate.threshold(len(search.screened(parent))) for s in search.screened(parent)}
-        round_ = []
+        screened = search.screened(parent)
+        thresholds = {s.candidate.name: s.candidate.threshold(len(screened)) for s in screened}
+        round_: list[Rival] = []
         for key, t in search.trials.items():
             added = key - frozenset(names)
             if len(added) == 1 and key > frozenset(names):
@@ -220,9 +221,18 @@ def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:
                         _words(name == step, t, parent, search), where_won(search.problem, parent.fit, f),
                     )  # fmt: skip
                 )
+        tried = {r.name for r in round_}
         found += sorted(round_, key=lambda r: -r.chi2_fall)
+        found += [_passed_over(s, names, thresholds) for s in screened if s.candidate.name not in tried]
         names.append(step)
     return tuple(found)
+
+
+def _passed_over(screened: Screened, beside: Sequence[str], thresholds: Mapping[str, float]) -> Rival:
+    """A candidate that promised too little to be refitted: its fall in χ² is the one to first order."""
+    name = screened.candidate.name
+    words = "not refitted: to first order others explain far more"
+    return Rival(name, tuple(beside), screened.promise, thresholds[name], words=words, refitted=False)
 
 
 def _words(chosen: bool, trial: Trial, parent: Trial, search: Search) -> str:

@@ -41,6 +41,7 @@ class Rival:
     ``chi2_fall``: what adding it to ``beside`` takes off χ²; ``threshold``: what chance alone would;
     ``size`` and ``std`` by parameter; ``heldout_nrmse`` where it was tried on left-out runs; ``words`` say for and against.
     ``where``: part of the fall by run, and by stretch of speed, gap and contact (label → part of the fall).
+    ``refitted``: False where the fall is only what it promises to first order.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Rival:
     chosen: bool = False
     words: str = ""
     where: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    refitted: bool = True
 
 
 @dataclass(frozen=True)
@@ -199,7 +201,8 @@ class Diagnosis:
                 "noise_std": {c: {"value": v, "given": c in self.noise_given} for c, v in self.noise.items()},
                 "limits": {x.name: {"parameter": x.parameter, "value": x.size, "unit": x.unit} for x in self.limits},
                 "rivals": [
-                    {"effect": r.name, "beside": list(r.beside), "chi2_fall": r.chi2_fall, "threshold": r.threshold, "chosen": r.chosen}
+                    {"effect": r.name, "beside": list(r.beside), "chi2_fall": r.chi2_fall, "threshold": r.threshold,
+                     "chosen": r.chosen, "refitted": r.refitted}
                     for r in self.rivals
                 ],
             }

@@ -384,14 +384,14 @@ def _try_it(page: Page, result: Diagnosis) -> str:
 def _rivals(result: Diagnosis) -> str:
     parts = []
     for beside in dict.fromkeys(r.beside for r in result.rivals):
-        round_ = sorted((r for r in result.rivals if r.beside == beside), key=lambda r: (not r.chosen, -r.chi2_fall))
+        round_ = sorted((r for r in result.rivals if r.beside == beside), key=lambda r: (not r.chosen, not r.refitted, -r.chi2_fall))
         if beside:
             parts.append(markup("<h3>With {} in the model</h3>", listed([effect_name(b) for b in beside])))
         parts.append(_rival_table(result, round_[:SHOWN]))
         if len(round_) > SHOWN:
             parts.append(folded(f"{len(round_) - SHOWN} more that do worse", _rival_table(result, round_[SHOWN:])))
     return (
-        markup("<p>Each was added and everything refitted. Its evidence is the fall in χ² beyond what chance alone gives to the best of so many tried.</p>") + joined(parts)
+        markup("<p>Each of the promising ones was added and everything refitted; the others stand below with what they promise to first order. The evidence is the fall in χ² beyond what chance alone gives to the best of so many tried.</p>") + joined(parts)
     )
 
 
