@@ -9,7 +9,7 @@ from inductrack_ros.cli import main
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.rig import Rig
 from inductrack_ros.core.state import COORDINATES, INDEX, OUTPUTS, RATES
-from inductrack_ros.data.csv_files import write_csv
+from inductrack_ros.data import write_csv
 from inductrack_ros.monitoring.monitor import Monitor
 
 SOURCE = """

@@ -115,8 +115,9 @@ def _cut(run: Run, names: list[str], half: int, most: int) -> tuple[Array, Array
     times, values = run.times[rows], run.values[rows][:, :, columns]
     width = times[:, -1] - times[:, 0]
     good = ~np.isnan(values).any(axis=(1, 2)) & (width < 1.5 * np.median(width))
-    times = times - times[:, PLACES // 2, None]
-    return times[good], values[good], np.full(int(good.sum()), run.drive_current)
+    middle = times[:, PLACES // 2]
+    current = np.interp(middle, *run.inputs["drive_current"]) if "drive_current" in run.inputs else np.full(len(middle), run.drive_current)
+    return (times - middle[:, None])[good], values[good], current[good]
 
 
 def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float]:

@@ -77,7 +77,8 @@ def _without(run: Run, findings: list[Finding]) -> Run:
             values[rows, run.channels.index(finding.channel)] = np.nan
     start = run.times[kept][0]
     pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
-    return replace(run, values=values[kept], times=run.times[kept] - start, stamps=run.stamps[kept], pulses=pulses)
+    inputs = {name: (times - start, readings) for name, (times, readings) in run.inputs.items()}
+    return replace(run, values=values[kept], times=run.times[kept] - start, stamps=run.stamps[kept], pulses=pulses, inputs=inputs)
 
 
 def _causes_only(findings: list[Finding]) -> list[Finding]:
