@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.plain_json import plain
 from ..core.state import UNITS
 from ..data import Run
 
@@ -59,17 +59,16 @@ class Finding:
     def to_json(self) -> dict[str, Any]:
         """The keys of a finding in `check.json` and `diagnosis.json`: kind, channel, its sizes, and what people read."""
         about = {"channel": self.channel, "run": self.run}
-        sizes = {k: (v if not isinstance(v, float) or math.isfinite(v) else None) for k, v in self.size.items()}
         rows = {run: list(numbers[:LISTED]) for run, numbers in self.samples.items()}
-        return {
+        return plain({
             "kind": self.kind,
             **{k: v for k, v in about.items() if v is not None},
-            **sizes,
+            **self.size,
             "severity": self.severity,
             "text": self.text,
             "remedy": self.remedy or None,
             **({"samples": rows} if rows else {}),
-        }
+        })  # fmt: skip
 
 
 def worst_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -37,20 +37,25 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
     if not bad(left) and not found:
         return _backwards(campaign, model)
     for _ in range(MOST):
-        wrong = bad(left)
-        if not wrong:
+        if not bad(left):
             break
         tried = [(name, reading, misfits(windows, model, reading)) for name, reading in _others(now, windows)]
         tried = [t for t in tried if _explains(left, t[2])]
         if not tried:
             break
         among = left.keys() | {c for t in tried for c in t[2]}
-        best = min(tried, key=lambda t: total(t[2], among))
-        least = total(best[2], among)
-        alike = [t for t in tried if total(t[2], among) < least + TWINS]
-        found.append(_finding(campaign, wrong, alike, now))
-        now, left = best[1], best[2]
+        tried.sort(key=lambda t: total(t[2], among))
+        _, reading, then = tried[0]
+        alike = [name for name, _, f in tried if total(f, among) < total(then, among) + TWINS]
+        found.append(_finding(campaign, alike, _factor(now, reading), {"off": left, "then": then}))
+        now, left = reading, then
     return found
+
+
+def _factor(before: Reading, after: Reading) -> float:
+    """What the second reading multiplies by where the first does not."""
+    channels = [after.of(c) / before.of(c) for c in after.channels]
+    return float(np.prod([after.time / before.time, after.current / before.current, *channels]))
 
 
 def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
@@ -128,34 +133,33 @@ def _explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
     return bool(mended) and not spoiled and total(after, before) < (1 - BETTER) * total(before, before)
 
 
-def _finding(campaign: Campaign, wrong: list[str], alike: list[tuple[str, Reading, dict[str, float]]], now: Reading) -> Finding:
-    """What is said of the readings that explain equally well."""
-    names = [name for name, _, _ in alike]
-    first = names[0]
-    off = shared([*wrong])
-    motion = f"{off} {'does' if len(wrong) == 1 else 'do'} not belong to the model's motion"
-    flipped = [n.removesuffix(" flipped") for n in names if n.endswith(" flipped")]
-    if flipped:
-        sensors = shared([f"sensor_scale:{c}" for c in flipped]).replace(" and ", " or ")
-        if len(flipped) > 1:
-            text = f"{shared(flipped)} do not fit each other: the axis of one of them is flipped; the mirror image looks the same, so these data cannot tell which"
-        else:
-            text = f"the axis of {flipped[0]} is flipped: only with its sign changed it moves as the forces of the model say"
-        remedy = f"change the sign of {shared(flipped).replace(' and ', ' or ')} (a {sensors} of −1 would say the same); x is along the travel, y left, z up"
-        return Finding("axis_flipped", IMPOSSIBLE, text, remedy, flipped[0], size={"candidates": flipped})
-    if first.startswith("time in "):
-        unit = first.removeprefix("time in ")
-        run = campaign.runs[0]
-        step, factor = float(np.median(np.diff(run.times))), alike[0][1].time
-        text = f"time is in {unit}: {run.file.name} would last {number(run.duration)} s with a sample every {number(step)} s, in which nothing would fly as it does"
-        return Finding("time_unit", IMPOSSIBLE, text, f"time is in seconds; name its column 'time [{unit}]', or divide it by {1 / factor:g}", size={"factor": 1 / factor})
-    if first.startswith("drive_current in "):
-        unit = first.removeprefix("drive_current in ")
+def _finding(campaign: Campaign, names: list[str], factor: float, size: Mapping[str, object]) -> Finding:
+    """What is said of the readings ``names`` that explain equally well, best first; the best multiplies by ``factor``."""
+    what, _, unit = names[0].partition(" in ")
+    if names[0].endswith(" flipped"):
+        return _flipped([c for c in (*COORDINATES, *GAPS) if f"{c} flipped" in names], size)
+    if names[0].endswith(" swapped"):
+        remedy = "exchange the two channels; left is seen along the travel"
+        return Finding("axis_flipped", IMPOSSIBLE, "gap_left and gap_right are swapped", remedy, "gap_left", size=size)
+    if what == "time":
+        step = float(np.median(np.diff(campaign.runs[0].times)))
+        text = f"time is in {unit}: with a sample every {number(step)} s nothing would fly as it does"
+        remedy = f"time is in seconds; name its column 'time [{unit}]', or divide it by {1 / factor:g}"
+        return Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": 1 / factor})
+    if what == "drive_current":
         stated = shared([f"{run.drive_current:g}" for run in campaign.runs])
-        factor = alike[0][1].current
         text = f"drive_current ({stated} A) is {number(1 / factor)} times what accelerates the cradle as measured: it seems to be in {unit}"
-        return Finding("unit", IMPOSSIBLE, text, f"drive_current is in A; multiply it by {factor:g} in campaign.yaml", "drive_current", size={"factor": factor})
-    if first.endswith("swapped"):
-        return Finding("axis_flipped", IMPOSSIBLE, f"gap_left and gap_right are swapped: {motion}", "exchange the two channels; left is seen along the travel", "gap_left")
-    channel, _, unit = first.partition(" in ")
-    return _unit(channel, f"as it is written {channel} does not belong to the model's motion", alike[0][1].of(channel), unit, {})
+        return Finding("unit", IMPOSSIBLE, text, f"drive_current is in A; multiply it by {factor:g} in campaign.yaml", what, size={**size, "factor": factor})
+    return _unit(what, f"as it is written {what} does not belong to the model's motion", factor, unit, size)
+
+
+def _flipped(channels: list[str], size: Mapping[str, object]) -> Finding:
+    """One of the channels has its sign changed."""
+    either = " or ".join(channels)
+    if len(channels) > 1:
+        text = f"{shared(channels)} do not fit each other: the axis of one of them is flipped; the mirror image looks the same, so these data cannot tell which"
+    else:
+        text = f"the axis of {either} is flipped: only with its sign changed it moves as the forces of the model say"
+    sensors = " or ".join(f"sensor_scale:{c}" for c in channels)
+    remedy = f"change the sign of {either} (a {sensors} of −1 would say the same); x is along the travel, y left, z up"
+    return Finding("axis_flipped", IMPOSSIBLE, text, remedy, channels[0], size={**size, "candidates": channels})

@@ -49,7 +49,7 @@ def verdict(result: Check) -> str:
     runs = "The one run" if len(result.campaign.runs) == 1 else f"All {len(result.campaign.runs)} runs"
     if result.verdict == "impossible":
         wrong = [f for f in result.findings if f.severity == IMPOSSIBLE]
-        return f"The data cannot be meant as they are written: {len(wrong)} thing{_s(wrong)} cannot be so."
+        return "The data cannot be meant as they are written" + (f": {len(wrong)} things cannot be so." if len(wrong) > 1 else ".")
     if result.verdict == "clean":
         return f"Nothing wrong was found in the data. {runs} can be used as {'it is' if len(result.campaign.runs) == 1 else 'they are'}."
     parts = [f for f in result.findings if f.severity == SET_ASIDE]
@@ -111,6 +111,8 @@ def _noise(result: Check) -> Figure:
 
 def _picture(page: Page, result: Check, finding: Finding) -> str:
     """The samples around the first that a finding is about, those meant marked; nothing for one that names none."""
+    if "off" in finding.size:
+        return page.figure(_motion(finding), f"{finding.text}.")
     if finding.channel is None or not finding.samples:
         return ""
     name, rows = next(iter(finding.samples.items()))
@@ -124,7 +126,7 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
     seen = others[~np.isnan(values[others])]
     if finding.channel == "surge" and len(seen) > 1:  # its travel would hide all else
         values = values - np.polynomial.Polynomial.fit(run.times[seen], values[seen], 1)(run.times)
-        axis += " off a steady one"
+        axis = "off a steady travel"
     data = [_dots(run, others, values, "@measured", "used"), _dots(run, marked, values, "@before", "left out")]
     layout = {
         "xaxis": {"title": "time, s"},
@@ -132,6 +134,23 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
         "margin": {"t": 10},
     }
     return page.figure(Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{name}: {finding.text}.")
+
+
+def _motion(finding: Finding) -> Figure:
+    """Bars of how far each channel is from the model's motion, as it is written and as it may be meant."""
+    off, then = finding.size["off"], finding.size["then"]
+    channels = [c for c in off if c in then]
+    bars = [
+        {"type": "bar", "orientation": "h", "name": name, "y": [title(c) for c in channels], "x": [min(f[c], 2.0) for c in channels], "marker": {"color": colour}}
+        for name, f, colour in (("as written", off, "@before"), ("as it may be meant", then, "@after"))
+    ]
+    layout = {
+        "barmode": "group",
+        "xaxis": {"title": "off the model's motion; 0 is the same, 1 has nothing in common", "rangemode": "tozero"},
+        "yaxis": {"autorange": "reversed", "automargin": True},
+        "margin": {"t": 10},
+    }
+    return Figure(bars, layout, "How far each channel is from the model's motion, as written and as it may be meant", 130 + 44 * len(channels), fixed=True)
 
 
 def _dots(run: Run, rows: np.ndarray, values: np.ndarray, colour: str, name: str) -> dict[str, object]:
