@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> None:
     with output_folder(arguments.output, campaign and campaign.folder) as written:
         free, model = _model(arguments, campaign)
         campaign, findings = admit(campaign.against(model), model) if campaign else (None, ())
-        notes = campaign.notes if campaign else ()
+        notes = (*(travels.notes if travels else ()), *(campaign.notes if campaign else ()))
         say_notes(notes)
         say_findings(findings)
         travel = TravelMisfit(model, free, travels) if travels is not None else None

@@ -274,7 +274,7 @@ GOOD = "initial_speed,travel\n16,30.9\n16.5,53.8\n17,75.25\n18,114.1\n"
 @pytest.mark.parametrize(
     ("text", "place"),
     [
-        ("", "row 1: needs one column 'initial_speed'"),
+        ("", "travels.csv: empty; it needs a header"),
         ("initial_speed,distance\n16,30\n", "row 1: unknown column 'distance'"),
         ("initial_speed,travel,travel\n16,30,30\n", "row 1: needs one column 'travel'"),
         ("initial_speed,travel\n", "no row of data"),
@@ -312,6 +312,23 @@ def test_broken_options(tmp_path, capsys, options, place):
     assert cli.main(["fit", str(file), "--output", str(tmp_path / "out"), *options]) == 2
     message = capsys.readouterr().err
     assert place in message and message.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "initial_speed;travel\n16;30,9\n15,5;20\n",
+        "sep=;\n# distances\ninitial_speed [km/h];travel [cm];\n57,6;3090;\n55,8;2000;\n",
+        "initial_speed\ttravel\r\n16\t30.9\r\n15.5\t20\r\n",
+        '"initial_speed","travel"\n"16","30.9"\n"15.5","20"\n'.encode("utf-16"),
+    ],
+)
+def test_dialects_of_tables(tmp_path, text):
+    file = tmp_path / "travels.csv"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    travels = read_travels(file)
+    assert travels.initial_speed == pytest.approx([16, 15.5]) and travels.travel == pytest.approx([30.9, 20])
+    assert bool(travels.notes) == (b"km/h" in file.read_bytes())
 
 
 def test_columns_beside_the_pair(tmp_path):

@@ -20,8 +20,8 @@ _TIME_NAMES = ("t", "timestamp", "time_stamp", "stamp", "zeit", "temps")
 #: Rows in which the header is looked for.
 HEAD = 200
 #: Between cells, the likelier first; a blank stands for any number of blanks and tabs.
-_SEPARATORS = (",", ";", "\t", "|", " ")
-_COMMENT = re.compile(r"\s*(#|%|//)")
+SEPARATORS = (",", ";", "\t", "|", " ")
+COMMENT = re.compile(r"\s*(#|%|//)")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def find_layout(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
     names = split(text, separator)
     body_row, units, body_start = _units_row(data, row + 1, start, separator)
     columns = _judge(file, row, names, units, inputs, notes)
-    decimal = _decimal(data[body_start : body_start + 20_000].decode(errors="replace"), separator)
+    decimal = decimal_sign(data[body_start : body_start + 20_000].decode(errors="replace"), separator)
     return Layout(separator, decimal, len(names), columns, body_row, body_start)
 
 
@@ -94,8 +94,8 @@ def _header(file: Path, data: bytes, inputs: dict[str, str], notes: list[str]) -
         if match := re.fullmatch(r'"?sep=(.)"?', text.strip(), re.IGNORECASE) or re.fullmatch(r'"?sep=(\t)"?', text, re.IGNORECASE):
             stated = match[1]
             continue
-        if _COMMENT.match(text):
-            comment = row, _COMMENT.sub("", text, count=1), end
+        if COMMENT.match(text):
+            comment = row, COMMENT.sub("", text, count=1), end
             continue
         separator = stated or _separator(text, inputs)
         names = split(text, separator)
@@ -117,18 +117,18 @@ def _header(file: Path, data: bytes, inputs: dict[str, str], notes: list[str]) -
 
 def _separator(text: str, inputs: dict[str, str]) -> str:
     """What separates the cells of a header: that by which it says most."""
-    return max(_SEPARATORS, key=lambda s: (_says(split(text, s), inputs), len(split(text, s)) > 1, -_SEPARATORS.index(s)))
+    return max(SEPARATORS, key=lambda s: (_says(split(text, s), inputs), len(split(text, s)) > 1, -SEPARATORS.index(s)))
 
 
 def _says(names: list[str], inputs: dict[str, str]) -> int:
     """How many names of a row are known."""
-    return sum(_base(name)[0] in SI or {name, _parts(name)[0]} & set(inputs.values()) != set() for name in names)
+    return sum(_base(name)[0] in SI or {name, parts(name)[0]} & set(inputs.values()) != set() for name in names)
 
 
 def _base(header: str) -> tuple[str, str]:
     """Known name of a column and its unit, out of `heave [mm]`, `Time (ms)`, `roll/deg`, `surge_mm`; the text itself where not known."""
     text = header.strip()
-    name, unit = _parts(text)
+    name, unit = parts(text)
     if _plain(name) in SI:
         return _plain(name), unit
     name = _plain(text)
@@ -145,7 +145,7 @@ def _base(header: str) -> tuple[str, str]:
     return text, ""
 
 
-def _parts(header: str) -> tuple[str, str]:
+def parts(header: str) -> tuple[str, str]:
     """Name and unit of `heave [mm]`, `Time (ms)`, `roll/deg`, `heave in mm`."""
     match = re.fullmatch(r"(.*?)\s*(?:\[(.*)\]|\((.*)\)|\{(.*)\}|<(.*)>|/\s*([^/\s].*)|,\s*(.+)|\s+in\s+(\S+))", header)
     if match is None:
@@ -182,9 +182,9 @@ def _judge(file: Path, row: int, names: list[str], units: list[str], inputs: dic
     for place, header in enumerate(names):
         name, unit = _base(header)
         unit = unit or (units[place] if place < len(units) else "")
-        asked = header if header in wanted else _parts(header)[0]
+        asked = header if header in wanted else parts(header)[0]
         if asked in wanted:
-            unit = unit or _parts(header)[1]
+            unit = unit or parts(header)[1]
             scale = any_factor(unit) or 1.0
             name = INPUT + wanted.pop(asked)
             columns[name] = Column(place, name, header, scale, unit)
@@ -242,7 +242,7 @@ def _distance(a: str, b: str) -> int:
 # ---------------------------------------------------------------- cells
 
 
-def _decimal(sample: str, separator: str) -> str:
+def decimal_sign(sample: str, separator: str) -> str:
     """The decimal sign in the first rows."""
     if separator == ",":
         return "," if re.search(r'"[+-]?\d*,\d+([eE][+-]?\d+)?"', sample) else "."

@@ -48,7 +48,7 @@ def read_text(file: Path, notes: list[str]) -> bytes:
             raise InputError(f"{file}: is no CSV but {what}")
     data = _utf8(file, data, notes)
     if not data.strip():
-        raise InputError(f"{file}: empty; it needs a header with 'time' and channels, and at least 2 rows")
+        raise InputError(f"{file}: empty; it needs a header that names the columns, and rows of numbers")
     if b"\0" in data:
         raise InputError(f"{file}, row {_row(data, data.index(0))}: a NUL character, which no text holds; copy or export the file again")
     if b"\r" in data:

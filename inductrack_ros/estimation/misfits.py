@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from ..core.model import Model
 from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import UNITS
 from ..data.campaign import Campaign
+from ..data.small_table import read_small_table
 from .fit import fit, fit_from_scratch
 from .problem import STATE_PRIOR, Problem
 from .structure import Structure
@@ -25,7 +25,9 @@ Array = NDArray[np.float64]
 
 DURATION = 2.0  # s, the time Figure 6 of the paper counts travel over
 LATERAL = {"sway", "roll", "sway_rate", "roll_rate", "gap_right", "gap_left", "sway_acceleration", "roll_acceleration"}
-COLUMNS = ("initial_speed", "travel", "duration", "drive_current", "std")
+#: Columns of a table of distances, with their units; the first two are needed.
+COLUMNS = {"initial_speed": "m/s", "travel": "m", "duration": "s", "drive_current": "A", "std": "m"}
+NEEDED = ("initial_speed", "travel")
 
 
 class Misfit(Protocol):
@@ -50,7 +52,8 @@ class Misfit(Protocol):
 class Travels:
     """Distances (m) covered in ``duration`` (s) after a start at ``initial_speed`` (m/s) on the equilibrium heave; all (n,).
 
-    ``drive_current`` (A) and ``std`` (m, the distance's standard deviation) are NaN where unknown.
+    ``drive_current`` (A) and ``std`` (m, the distance's standard deviation) are NaN where unknown; ``notes`` say what was
+    converted while reading.
     """
 
     initial_speed: Array
@@ -58,6 +61,7 @@ class Travels:
     duration: Array
     drive_current: Array
     std: Array
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, initial_speed, travel, duration=DURATION, drive_current=math.nan, std=math.nan) -> Travels:
@@ -72,46 +76,20 @@ def read_travels(file: str | Path, duration: float = DURATION, std: float = math
 
     ``duration`` and ``std`` serve where the file has no such column. Raises `InputError` naming file and row.
     """
-    file = Path(file)
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
-    rows = [(i, cells) for i, cells in enumerate(csv.reader(lines), start=1) if any(c.strip() for c in cells)]
-    header = [c.strip() for c in rows[0][1]] if rows else []
-    for name in header:
-        if name not in COLUMNS:
-            raise InputError(f"{file}, row 1: unknown column '{name[:40]}'{did_you_mean(name, COLUMNS)}")
-    for name in COLUMNS[:2]:
-        if header.count(name) != 1:
-            raise InputError(
-                f"{file}, row 1: needs one column '{name}'; the header is initial_speed,travel, both in SI units"
-            )
-    table: dict[str, list[float]] = {name: [] for name in header}
-    for line, cells in rows[1:]:
-        if len(cells) != len(header):
-            raise InputError(
-                f"{file}, row {line}: {len(cells)} cells where the header names {len(header)}; complete the row or delete it"
-            )
-        for name, cell in zip(header, cells, strict=True):
-            table[name].append(_cell(file, line, name, cell))
-    if len(rows) < 2:
+    names, rows, notes = read_small_table(file, COLUMNS)
+    for name in NEEDED:
+        if names.count(name) != 1:
+            raise InputError(f"{file}, row 1: needs one column '{name}'; the header is {','.join(NEEDED)}, both in SI units")
+    if not rows:
         raise InputError(f"{file}: no row of data under the header; add one initial speed and distance per row")
+    for row, values in rows:
+        for name, value in zip(names, values, strict=True):
+            positive = name in ("initial_speed", "duration", "std")
+            if not math.isfinite(value) or (positive and value <= 0):
+                raise InputError(f"{file}, row {row}, column '{name}': '{value:g}' is not a {'positive ' if positive else ''}number")
+    table = dict(zip(names, zip(*(values for _, values in rows), strict=True), strict=True))
     speeds = table.pop("initial_speed")
-    return Travels.of(speeds, **{"duration": duration, "std": std, **table})
-
-
-def _cell(file: Path, line: int, name: str, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    positive = name in ("initial_speed", "duration", "std")
-    if not math.isfinite(value) or (positive and value <= 0):
-        raise InputError(
-            f"{file}, row {line}, column '{name}': {cell.strip()[:40]!r} is not a {'positive ' if positive else ''}number"
-        )
-    return value
+    return replace(Travels.of(speeds, **{"duration": duration, "std": std, **table}), notes=notes)
 
 
 class TravelMisfit:
