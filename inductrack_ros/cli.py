@@ -206,7 +206,8 @@ def _diagnose(arguments: argparse.Namespace) -> None:
     campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
         from .diagnosis.diagnose import diagnose
-        from .reports.diagnosis_report import diagnosis_report, verdict
+        from .reports.diagnosis_report import diagnosis_report
+        from .reports.diagnosis_words import verdict
         from .workers import workers
 
         with progress() as tell, workers(arguments.scheduler) as hands:
@@ -239,7 +240,8 @@ def _add(arguments: argparse.Namespace) -> None:
     campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
         from .diagnosis.add import add_effect
-        from .reports.diagnosis_report import addition, diagnosis_report
+        from .reports.diagnosis_report import diagnosis_report
+        from .reports.diagnosis_words import addition
 
         with progress() as tell:
             result = replace(add_effect(campaign, model, arguments.effect, tell), findings=findings)

@@ -18,7 +18,7 @@ from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import CHANNELS
 from inductrack_ros.data import load_campaign
 from inductrack_ros.reports.compare_report import compare_report
-from inductrack_ros.reports.explorer import RunTraces, Trace, explorer
+from inductrack_ros.reports.explorer import Opening, RunTraces, Trace, explorer
 from inductrack_ros.reports.page import Page
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -213,7 +213,7 @@ def test_effects_switch_on_and_off(tmp_path):
     page = Page(title="t", kind="k", verdict="v")
     runs = [RunTraces("<run>", "about", {"heave": trace})]
     words = ("without any", "with those chosen")
-    page.section("Try it", explorer(page, runs, {"heave": 3e-5}, variants[-1], variants, words=words))
+    page.section("Try it", explorer(page, runs, {"heave": 3e-5}, variants[-1], variants, Opening(words=words)))
     seen = open_page(
         page.render(),
         tmp_path,

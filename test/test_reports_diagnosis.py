@@ -12,7 +12,8 @@ from test_reports_browser import BROWSER, open_page
 from inductrack_ros.core.model import Model
 from inductrack_ros.diagnosis.gate import Test as GateTest
 from inductrack_ros.diagnosis.result import Diagnosis, Limit, Proposal, Rival, RunTraces, Step, Unknown
-from inductrack_ros.reports.diagnosis_report import diagnosis_report, verdict
+from inductrack_ros.reports.diagnosis_report import diagnosis_report
+from inductrack_ros.reports.diagnosis_words import verdict
 
 NASTY = "<script>alert(1)</script>"
 NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4}

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..core.errors import InputError, did_you_mean
 from ..core.parameters import PARAMETERS
-from ..core.state import CHANNELS, COORDINATES, STATES, as_dof
+from ..core.state import CHANNELS, COORDINATES, as_dof
 from ..core.yaml_files import Lines
 from .bag_messages import TYPES
 

@@ -11,7 +11,7 @@ from ..core.errors import InputError
 from ..core.flight import AT_REST
 from ..core.model import Model
 from ..core.state import STATES
-from .explorer import RunTraces, Trace, explorer
+from .explorer import Opening, RunTraces, Trace, explorer
 from .page import Figure, Page, bullets, folded, joined, markup, table
 from .words import effect_name, in_channel, listed, number, ratio, shown, title
 
@@ -57,9 +57,7 @@ def compare_report(result: Comparison) -> str:
             page,
             [_traces(r) for r in result.runs],
             result.noise,
-            start=(worst.run.name, _worst_channel(worst)),
-            words=("by this model", ""),
-            well=result.error <= NOISE_ALONE,
+            opening=Opening((worst.run.name, _worst_channel(worst)), ("by this model", ""), result.error <= NOISE_ALONE),
         ),
     )
     page.section("Where it fails" if result.error > NOISE_ALONE else "By speed, gap and place", _where(page, result))

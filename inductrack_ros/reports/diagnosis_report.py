@@ -4,38 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from ..comparison.result import rms
-from ..core.effects import split_name
-from ..core.parameters import PARAMETERS, Parameter
-from ..core.state import CHANNELS
-from ..diagnosis.result import OF_THRUST, Diagnosis, Limit, Rival, Step, Unknown
-from .explorer import RunTraces, Trace, explorer
-from .page import Figure, Page, bullets, folded, joined, markup, packed, table
+from ..diagnosis.result import Diagnosis, Limit, Rival
+from .diagnosis_figures import limit_size, limits_figure, matters, share, step_name, steps_figure, unknown_figure
+from .diagnosis_words import (
+    declared,
+    finite,
+    full,
+    full_symbol,
+    most,
+    not_on,
+    of_sensor,
+    shown_parameters,
+    size,
+    summary,
+    symbol,
+    verdict,
+)
+from .explorer import Opening, RunTraces, Trace, explorer
+from .page import Figure, Page, bullets, folded, joined, markup, table
 from .words import counted, effect_name, in_channel, listed, number, ratio, sized, title
 
 TONES = {"adequate": "good", "missing_effect": "bad", "unknown_effect": "warn"}
-_FORCE = {
-    "surge": "a force along the track",
-    "sway": "a lateral force",
-    "heave": "a vertical force",
-    "roll": "a roll moment",
-}
-_DEPENDS = {
-    "surge": ("the place along the track", "place along the track, m"),
-    "sway": ("sway", "sway, m"),
-    "heave": ("heave (the gap)", "heave, m"),
-    "roll": ("roll", "roll, rad"),
-    "surge_rate": ("speed", "speed, m/s"),
-    "sway_rate": ("the sway rate", "sway rate, m/s"),
-    "heave_rate": ("the heave rate", "heave rate, m/s"),
-    "roll_rate": ("the roll rate", "roll rate, rad/s"),
-    "time": ("time", "time since the run's start, s"),
-    "drive": ("the drive current", "drive current, A"),
-}
 #: Rivals shown of each round; the rest is folded away.
 SHOWN = 8
 
@@ -59,7 +52,7 @@ def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str]
     if result.traces:
         page.section("Try it" if len(_variants(result)) > 1 else "Traces", _try_it(page, result))
     if result.unknown is not None and len(result.steps) > 1:
-        page.section("Step by step", page.figure(_steps_figure(result)))
+        page.section("Step by step", page.figure(steps_figure(result)))
     if result.rivals:
         page.section("Rivals", _rivals(result))
     if chosen := [r for r in result.rivals if r.chosen and r.where]:
@@ -74,57 +67,6 @@ def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str]
 # ---------------------------------------------------------------- the answer in words
 
 
-def verdict(result: Diagnosis) -> str:
-    """The answer in one sentence."""
-    if result.verdict == "adequate":
-        return "Nothing detectable is missing: what the model leaves is the sensors' noise."
-    found = [_with_rivals(result, e) for e in result.effects if not _is_stand_in(e)]
-    if result.interrupted:
-        return f"Interrupted while searching. Best found until then: {listed(found) or 'nothing yet'}."
-    if result.verdict == "missing_effect":
-        return f"Missing: {listed(found)}. With {'it' if len(found) == 1 else 'them'}, what is left is noise."
-    missing = f"Missing: {listed(found)}. "
-    if result.unknown is None:
-        return f"{missing if found else ''}Something {'more ' if found else ''}is missing that no known effect explains."
-    what, _, on = _law(result.unknown)
-    depends = listed([_DEPENDS[d][0] for d in on])
-    force = f"{what}{f' that depends on {depends}' if depends else ''}{_peak(result.unknown)}"
-    return f"{missing}Besides, {force}, which no known effect explains." if found else f"No known effect explains {force}."
-
-
-def _law(unknown: Unknown) -> tuple[str, tuple[float, str], tuple[str, ...]]:
-    """An unknown force in words, with the factor and unit it is shown in, and what it depends on besides the thrust it may change."""
-    if unknown.unit == OF_THRUST:
-        return "a change of the thrust", (100.0, "%"), unknown.depends_on[:1]
-    return _FORCE[unknown.channel], (1.0, unknown.unit), unknown.depends_on
-
-
-def _peak(unknown: Unknown) -> str:
-    """`` (−12 N at 8 m)``; nothing where the curve is not known."""
-    if not _finite(unknown.peak):
-        return ""
-    _, (factor, unit), on = _law(unknown)
-    return f" ({number(factor * unknown.peak, 2)} {unit} at {number(unknown.place, 2)} {_DEPENDS[on[0]][1].rpartition(', ')[2]})"
-
-
-def addition(result: Diagnosis) -> str:
-    """What adding one effect by hand gained, in one sentence."""
-    (rival,) = result.rivals
-    name = effect_name(rival.name)
-    if not rival.chosen:
-        return f"Adding {name} gains no more than chance would."
-    before, after = (ratio(math.sqrt(s.reduced_chi2)) for s in (result.steps[0], result.steps[-1]))
-    left = "more than noise is left" if result.verdict == "unknown_effect" else "what is left is noise"
-    return f"Adding {name} lowers the error from {before} to {after} times the noise; {left}."
-
-
-def _with_rivals(result: Diagnosis, effect: str) -> str:
-    rivals = result.indistinguishable.get(effect, ())
-    if len(result.effects) > 1 and rivals:  # brackets, or "a or b and c" would be read in two ways
-        return f"{effect_name(effect)} (or {listed([effect_name(r) for r in rivals], 'or')})"
-    return listed([effect_name(e) for e in (effect, *rivals)], "or")
-
-
 def _lead(result: Diagnosis) -> str:
     points = []
     first, last = result.steps[0], result.steps[-1]
@@ -132,21 +74,21 @@ def _lead(result: Diagnosis) -> str:
         fall = f"{ratio(math.sqrt(first.reduced_chi2))} to {ratio(math.sqrt(last.reduced_chi2))}"
         held = f", on runs left out of the fit from {ratio(first.heldout_nrmse)} to {ratio(last.heldout_nrmse)}"
         points.append(
-            f"Error over noise falls from {fall}{held if _finite(last.heldout_nrmse) else ''}{_most(first, last)}."
+            f"Error over noise falls from {fall}{held if finite(last.heldout_nrmse) else ''}{most(first, last)}."
         )
     else:
         held = f"; on runs left out of the fit it is {ratio(first.heldout_nrmse)}"
         after = f"Error over noise is {ratio(math.sqrt(first.reduced_chi2))} after the fit"
-        points.append(f"{after}{held if _finite(first.heldout_nrmse) else ''}.")
+        points.append(f"{after}{held if finite(first.heldout_nrmse) else ''}.")
     sizes = [
-        markup("{} <strong class='num'>{}</strong>", _full_symbol(n), _size(result, n))
-        for n in _shown_parameters(result)
+        markup("{} <strong class='num'>{}</strong>", full_symbol(n), size(result, n))
+        for n in shown_parameters(result)
         if "." in n
     ]
     if sizes:
-        points += [markup("{}{}.", size[:1].upper(), size[1:]) for size in sizes]
+        points += [markup("{}{}.", words[:1].upper(), words[1:]) for words in sizes]
     if result.unknown is not None:
-        points += [other] if (other := _not_on(result)) else []
+        points += [other] if (other := not_on(result)) else []
     for effect, rivals in result.indistinguishable.items():
         others = listed([effect_name(r) for r in rivals], "or")
         points.append(f"These data cannot tell {effect_name(effect)} from {others}.")
@@ -154,173 +96,18 @@ def _lead(result: Diagnosis) -> str:
     return bullets(points)
 
 
-def _most(first: Step, last: Step) -> str:
-    """The channel whose error falls most, where the sum over all channels hides it."""
-    falls = {c: e / last.errors[c] for c, e in first.errors.items() if last.errors.get(c) and _finite(e)}
-    if len(falls) < 2:
-        return ""
-    channel = max(falls, key=lambda c: falls[c])
-    return f"; most in {title(channel).lower()}, from {ratio(first.errors[channel])} to {ratio(last.errors[channel])}"
-
-
-def _not_on(result: Diagnosis) -> str:
-    rivals = [_DEPENDS[r][0] if r in _DEPENDS else r for r in result.unknown.rivals]
-    return f"Nearly as well the data would fit one that depends on {listed(rivals, 'or')}." if rivals else ""
-
-
 # ---------------------------------------------------------------- pictures
 
 
 def _picture(page: Page, result: Diagnosis) -> str:
     if result.unknown is not None and len(result.unknown.at):
-        return page.figure(_unknown_figure(result), "The missing force, as the data show it, with its 95 % band.")
+        return page.figure(unknown_figure(result), "The missing force, as the data show it, with its 95 % band.")
     if len(result.steps) > 1:
-        return page.figure(_steps_figure(result), "Each step adds one effect and refits everything. 1 is noise alone.")
+        return page.figure(steps_figure(result), "Each step adds one effect and refits everything. 1 is noise alone.")
     if result.limits:
         caption = "The smallest size of each effect these data would have shown, over a size at which it matters."
-        return page.figure(_limits_figure(result), caption)
+        return page.figure(limits_figure(result), caption)
     return ""
-
-
-def _steps_figure(result: Diagnosis) -> Figure:
-    names = [_step_name(s, before) for s, before in zip(result.steps, [None, *result.steps], strict=False)]
-    fitted = [math.sqrt(s.reduced_chi2) for s in result.steps]
-    held = [s.heldout_nrmse for s in result.steps]
-    above = [_finite(h) and h > f for f, h in zip(fitted, held, strict=True)]  # the label that is not between the lines
-
-    def line(values: Sequence[float], name: str, colour: str, top: Sequence[bool], dash: str) -> dict[str, Any]:
-        return {
-            "type": "scatter",
-            "mode": "lines+markers+text",
-            "name": name,
-            "x": names,
-            "y": [v if _finite(v) else None for v in values],
-            "text": [ratio(v) for v in values],
-            "textposition": ["top center" if t else "bottom center" for t in top],
-            "textfont": {"color": colour},
-            "cliponaxis": False,
-            "line": {"color": colour, "width": 2.5, "dash": dash},
-            "marker": {"size": 9, "color": colour},
-            "hovertemplate": "%{x}: %{text} × noise",
-        }
-
-    data = [line(fitted, "runs in the fit", "@after", [not a for a in above], "solid")]
-    if any(_finite(h) for h in held):
-        data.append(line(held, "runs left out", "@before", above, "dot"))
-    values = [v for v in [*fitted, *held] if _finite(v) and v > 0]
-    least, most = min([*values, 1.0]), max(values)
-    if most > 3.0:
-        scale = {"type": "log", "range": [math.log10(least * 0.6), math.log10(most * 1.9)], "dtick": 1}
-    else:
-        pad = 0.25 * max(most - least, 0.1)
-        scale = {"range": [least - pad, most + pad]}
-    layout = {
-        "xaxis": {"type": "category", "range": [-0.35, len(names) - 0.65], "ticks": ""},
-        "yaxis": {"title": "error / noise", **scale},
-        "shapes": [_line_at_one("y")],
-    }
-    return Figure(
-        data, layout, "Error over noise as effects are added, in the fit and on runs left out", 330, fixed=True
-    )
-
-
-def _step_name(step: Step, before: Step | None) -> str:
-    new = [e for e in step.effects if before is None or e not in before.effects]
-    if before is None:
-        return "the model, refitted" if not new else listed([effect_name(e) for e in new])
-    return "+ " + listed([effect_name(e) for e in new])
-
-
-def _line_at_one(axis: str) -> dict[str, Any]:
-    along, across = ("x", "y") if axis == "y" else ("y", "x")
-    line = {"color": "@good", "width": 1.5, "dash": "dash"}
-    return {
-        "type": "line",
-        f"{along}ref": "paper",
-        f"{along}0": 0,
-        f"{along}1": 1,
-        f"{across}0": 1,
-        f"{across}1": 1,
-        "line": line,
-    }
-
-
-def _unknown_figure(result: Diagnosis) -> Figure:
-    unknown = result.unknown
-    named, (factor, unit), _ = _law(unknown)
-    at, force, half = np.asarray(unknown.at, float), factor * np.asarray(unknown.force, float), factor * np.asarray(unknown.band, float)
-    quiet = {"type": "scatter", "mode": "lines", "showlegend": False}
-    band = quiet | {
-        "x": packed(np.concatenate([at, at[::-1]])),
-        "y": packed(np.concatenate([force + half, (force - half)[::-1]])),
-        "fill": "toself",
-        "fillcolor": "@shade",
-        "line": {"width": 0},
-        "hoverinfo": "skip",
-    }
-    line = quiet | {
-        "x": packed(at),
-        "y": packed(force),
-        "line": {"color": "@before", "width": 2.5},
-        "hovertemplate": f"%{{x:.4g}}: %{{y:.3g}} {unit}<extra></extra>",
-    }
-    on = _DEPENDS[unknown.depends_on[0]][1] if unknown.depends_on else ""
-    what = named.split(" ", 1)[1]
-    layout = {
-        "xaxis": {"title": on},
-        "yaxis": {"title": f"{what}, {unit}", "zeroline": True, "zerolinecolor": "@soft"},
-        "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
-    }
-    return Figure([band, line], layout, f"The {what} that no effect explains over {on}", 330)
-
-
-def _limits_figure(result: Diagnosis) -> Figure:
-    shares = {
-        x.name: _share(result, x) for x in result.limits if not _of_sensor(result, x.name)
-    }  # a sensor's faults are in the table
-    rows = sorted((x for x in result.limits if _finite(shares.get(x.name))), key=lambda x: -shares[x.name])
-    data = {
-        "type": "bar",
-        "orientation": "h",
-        "y": [effect_name(x.name) for x in rows],
-        "x": [shares[x.name] for x in rows],
-        "marker": {"color": "@after"},
-        "text": [_limit_size(result, x) for x in rows],
-        "textposition": "outside",
-        "cliponaxis": False,
-        "hovertemplate": "%{y}: %{text}<extra></extra>",
-    }
-    layout = {
-        "xaxis": {"type": "log", "title": "smallest size that would have shown / size that matters", "dtick": 1},
-        "yaxis": {"ticks": "", "tickfont": {"size": 11}, "dtick": 1},
-        "margin": {"l": 8, "r": 110, "t": 8, "b": 8},
-        "shapes": [_line_at_one("x")],
-    }
-    label = "Smallest size of each effect that would have shown; the table below has the numbers"
-    return Figure([data], layout, label, 70 + 17 * len(rows), fixed=True)
-
-
-def _share(result: Diagnosis, limit: Limit) -> float:
-    """A limit over the size that matters; where a smaller value is the larger effect, the other way round."""
-    typical, _ = _matters(result, limit)
-    declared = _declared(result, _full(limit.name, limit.parameter))
-    grows = declared.fit_as in ("x", "x^2")
-    share = limit.size / typical if grows else typical / limit.size if limit.size else math.nan
-    return share if share > 0 else math.nan
-
-
-def _matters(result: Diagnosis, limit: Limit) -> tuple[float, str]:
-    """A size at which an effect matters, with its unit; an error in a channel's unit matters from ten times its noise."""
-    channel = limit.name.partition(":")[2]
-    declared = _declared(result, _full(limit.name, limit.parameter))
-    if declared.per_channel == "size" and channel in result.noise:
-        return 10 * result.noise[channel], declared.unit
-    return abs(declared.typical or declared.default) or math.nan, declared.unit
-
-
-def _limit_size(result: Diagnosis, limit: Limit) -> str:
-    shrinks = _declared(result, _full(limit.name, limit.parameter)).fit_as not in ("x", "x^2")
-    return f"{'under ' if shrinks else ''}{number(limit.size, 2)} {_matters(result, limit)[1]}".strip()
 
 
 # ---------------------------------------------------------------- the evidence
@@ -368,12 +155,12 @@ def _try_it(page: Page, result: Diagnosis) -> str:
                 predicted = [run.predicted[v][channel][seen] for v in variants]
                 errors = [_error(result, measured[seen], p, channel) for p in predicted]
                 traces[channel] = Trace(run.times[seen], measured[seen], predicted, errors)
-                gain[run.name, channel] = errors[0] / errors[-1] if _finite(errors[0]) and errors[-1] > 0 else 0.0
+                gain[run.name, channel] = errors[0] / errors[-1] if finite(errors[0]) and errors[-1] > 0 else 0.0
         runs.append(RunTraces(run.name, run.driven, traces))
     start = max(gain, key=lambda k: gain[k]) if gain else None
     words = ("without any effect", "with the effects chosen") if len(variants) > 1 else ("by this model", "")
     well = result.verdict == "adequate" and len(variants) == 1
-    html = explorer(page, runs, result.noise, _switches(result), variants, start, words, well)
+    html = explorer(page, runs, result.noise, _switches(result), variants, Opening(start, words, well))
     if len(variants) == 1:
         return html
     return (
@@ -397,19 +184,19 @@ def _rivals(result: Diagnosis) -> str:
 
 def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
     rows = []
-    held = any(_finite(r.heldout_nrmse) for r in rivals)
+    held = any(finite(r.heldout_nrmse) for r in rivals)
     confused = {r for others in result.indistinguishable.values() for r in others}
     for r in rivals:
         style = "good-word" if r.chosen else "warn-word" if r.name in confused else ""
         words = r.words or ("chosen" if r.chosen else "")
         sizes = markup("<br>").join(
-            markup("<span class='num'>{} {}</span>", _symbol(p), sized(v, r.std.get(p), _declared(result, _full(r.name, p)).unit))
+            markup("<span class='num'>{} {}</span>", symbol(p), sized(v, r.std.get(p), declared(result, full(r.name, p)).unit))
             for p, v in r.size.items()
             if "[" not in p
         )
         rows.append(
             [
-                markup("{}<br><span class='soft'>{}</span>", effect_name(r.name), _summary(result, r.name)),
+                markup("{}<br><span class='soft'>{}</span>", effect_name(r.name), summary(result, r.name)),
                 markup('<span class="{}">{}</span>', style, words) if style else words,
                 counted(r.chi2_fall),
                 counted(r.threshold),
@@ -454,7 +241,7 @@ def _where(page: Page, rival: Rival) -> str:
 
 def _before_and_after(result: Diagnosis) -> str:
     channels = [c for c in result.noise if any(c in s.errors for s in result.steps)]
-    names = [_step_name(s, b) for s, b in zip(result.steps, [None, *result.steps], strict=False)]
+    names = [step_name(s, b) for s, b in zip(result.steps, [None, *result.steps], strict=False)]
     whole = [
         c
         for s in result.steps
@@ -481,20 +268,20 @@ def _before_and_after(result: Diagnosis) -> str:
 
 def _limits(result: Diagnosis) -> str:
     def rows(limits: Sequence[Limit]) -> list[list[str]]:
-        ordered = sorted(limits, key=lambda x: (not _finite(_share(result, x)), _share(result, x)))
+        ordered = sorted(limits, key=lambda x: (not finite(share(result, x)), share(result, x)))
         return [
             [
-                markup("{}<br><span class='soft'>{}</span>", effect_name(x.name), _summary(result, x.name)),
-                _symbol(x.parameter),
-                _limit_size(result, x),
-                " ".join((number(_matters(result, x)[0], 2), _matters(result, x)[1])),
+                markup("{}<br><span class='soft'>{}</span>", effect_name(x.name), summary(result, x.name)),
+                symbol(x.parameter),
+                limit_size(result, x),
+                " ".join((number(matters(result, x)[0], 2), matters(result, x)[1])),
             ]
             for x in ordered
         ]
 
     header = ["Effect", "Parameter", "Would have shown", "A size that matters"]
-    cradle = [x for x in result.limits if not _of_sensor(result, x.name)]
-    sensors = [x for x in result.limits if _of_sensor(result, x.name)]
+    cradle = [x for x in result.limits if not of_sensor(result, x.name)]
+    sensors = [x for x in result.limits if of_sensor(result, x.name)]
     beside = "" if result.verdict == "adequate" else "beside what was found "
     return (
         markup("<p>Had one of these been there {}at this size, these data would have shown it. What is smaller may be there unseen.</p>", beside)
@@ -505,8 +292,8 @@ def _limits(result: Diagnosis) -> str:
 
 def _model(result: Diagnosis) -> str:
     rows = [
-        [markup("<code>{}</code>", n), _size(result, n), _declared(result, n).meaning]
-        for n in _shown_parameters(result)
+        [markup("<code>{}</code>", n), size(result, n), declared(result, n).meaning]
+        for n in shown_parameters(result)
     ]
     noise = table(
         ["Channel", "Noise (standard deviation)", ""],
@@ -529,49 +316,3 @@ def _model(result: Diagnosis) -> str:
 
 
 # ---------------------------------------------------------------- names
-
-
-def _finite(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)
-
-
-def _is_stand_in(effect: str) -> bool:
-    return effect.startswith("stand_in")
-
-
-def _full(effect: str, parameter: str) -> str:
-    return parameter if "." in parameter else f"{effect}.{parameter}"
-
-
-def _shown_parameters(result: Diagnosis) -> list[str]:
-    """Parameters with a meaning of their own: not the entries of a stand-in's table."""
-    return [n for n in result.parameters if "[" not in n and not _is_stand_in(n)]
-
-
-def _declared(result: Diagnosis, name: str) -> Parameter:
-    effect, _, parameter = name.rpartition(".")
-    if not effect:
-        return PARAMETERS[name]
-    item, channel = split_name(effect, result.model.known_effects, CHANNELS)
-    return item.parameters[parameter].for_channel(channel) if channel else item.parameters[parameter]
-
-
-def _of_sensor(result: Diagnosis, name: str) -> bool:
-    return result.model.known_effects[name.partition(":")[0]].of_sensor
-
-
-def _symbol(name: str) -> str:
-    return name.rpartition(".")[2].replace("_", " ")
-
-
-def _full_symbol(name: str) -> str:
-    return f"{effect_name(name.rpartition('.')[0])}: {_symbol(name)}"
-
-
-def _size(result: Diagnosis, name: str) -> str:
-    value, std = result.parameters[name]
-    return sized(value, std, _declared(result, name).unit)
-
-
-def _summary(result: Diagnosis, name: str) -> str:
-    return split_name(name, result.model.known_effects, CHANNELS)[0].summary

@@ -37,22 +37,25 @@ class RunTraces:
     traces: Mapping[str, Trace]
 
 
+@dataclass(frozen=True)
+class Opening:
+    """How the explorer opens: the run and channel shown first, names of the first variant and of the chosen one, and
+    whether the first variant fits (``well``), so that it has no colour of alarm."""
+
+    start: tuple[str, str] | None = None
+    words: tuple[str, str] = ("this model", "with the effects chosen")
+    well: bool = False
+
+
 def explorer(
     page: Page,
     runs: Sequence[RunTraces],
     noise: Mapping[str, float],
     effects: Sequence[str] = (),
     variants: Sequence[Sequence[str]] = ((),),
-    start: tuple[str, str] | None = None,
-    words: tuple[str, str] = ("this model", "with the effects chosen"),
-    well: bool = False,
+    opening: Opening = Opening(),
 ) -> Markup:
-    """HTML of the explorer.
-
-    ``variants`` are the subsets of ``effects`` that were predicted, the first of them none; ``start`` is the run and
-    the channel shown first; ``words`` name the first variant and the chosen one; ``well``: the first variant fits, so
-    that it has no colour of alarm.
-    """
+    """HTML of the explorer. ``variants`` are the subsets of ``effects`` that were predicted, the first of them none."""
     channels = [c for c in noise if any(c in r.traces for r in runs)]
     page.script(
         "explorer.js",
@@ -67,9 +70,9 @@ def explorer(
             },
             "effects": list(effects),
             "variants": [sum(1 << list(effects).index(e) for e in v) for v in variants],
-            "words": list(words),
-            "colour": "@after" if well else "@before",
-            "start": {"run": start[0] if start else runs[0].name, "channel": start[1] if start else channels[0]},
+            "words": list(opening.words),
+            "colour": "@after" if opening.well else "@before",
+            "start": dict(zip(("run", "channel"), opening.start or (runs[0].name, channels[0]), strict=True)),
         },
     )
     thinned = max((len(t.times) for r in runs for t in r.traces.values()), default=0) > MOST

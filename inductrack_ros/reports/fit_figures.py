@@ -32,30 +32,7 @@ def profiles(found: Sequence[Profile], truth: Sequence[float] | None = None) -> 
             )
         )
         low, high = max(p.low, p.values[0]), min(p.high, p.values[-1])
-        layout["shapes"] += [
-            {
-                "type": "rect",
-                "xref": f"x{axis}",
-                "yref": f"y{axis} domain",
-                "x0": low,
-                "x1": high,
-                "y0": 0,
-                "y1": 1,
-                "fillcolor": "@band",
-                "line": {"width": 0},
-                "layer": "below",
-            },
-            {
-                "type": "line",
-                "xref": f"x{axis} domain",
-                "yref": f"y{axis}",
-                "x0": 0,
-                "x1": 1,
-                "y0": p.threshold,
-                "y1": p.threshold,
-                "line": {"color": "@soft", "width": 1, "dash": "dash"},
-            },
-        ]
+        layout["shapes"] += _interval(axis, low, high, p.threshold)
         if truth is not None:
             shape, note = at(truth[k], "true", ORANGE, f"x{axis}", up=0.98)
             layout["shapes"].append(shape)
@@ -73,6 +50,16 @@ def profiles(found: Sequence[Profile], truth: Sequence[float] | None = None) -> 
             "range": [-0.2, 2.2 * p.threshold],
         }
     return Figure(data, layout, "Profile likelihood of each parameter with its 95 % interval", 300)
+
+
+def _interval(axis: str, low: float, high: float, threshold: float) -> list[dict[str, object]]:
+    """The shaded interval, and the line at the misfit's rise that bounds it."""
+    here = {"xref": f"x{axis}", "yref": f"y{axis} domain", "x0": low, "x1": high, "y0": 0, "y1": 1}
+    across = {"xref": f"x{axis} domain", "yref": f"y{axis}", "x0": 0, "x1": 1, "y0": threshold, "y1": threshold}
+    return [
+        here | {"type": "rect", "fillcolor": "@band", "line": {"width": 0}, "layer": "below"},
+        across | {"type": "line", "line": {"color": "@soft", "width": 1, "dash": "dash"}},
+    ]
 
 
 def distances(speed: np.ndarray, left: np.ndarray, std: np.ndarray) -> Figure:

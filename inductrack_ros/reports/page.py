@@ -1,7 +1,7 @@
 """The page all reports share: a first screen that answers the question, the evidence under it, one file, offline.
 
-A figure is plain plotly JSON whose colours are names such as ``@measured``; the page fills in the colour of the
-reader's theme and does so again when the theme changes and when it is printed.
+A figure is plain plotly JSON whose colours are names such as ``@measured``. The page fills in the colours of the
+reader's theme, and does so again when the theme changes or the page is printed.
 """
 
 from __future__ import annotations
