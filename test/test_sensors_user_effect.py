@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseStamped
 
 from inductrack_ros.cli import main
 from inductrack_ros.core.model import Model
@@ -11,6 +12,7 @@ from inductrack_ros.core.rig import Rig
 from inductrack_ros.core.state import COORDINATES, INDEX, OUTPUTS, RATES
 from inductrack_ros.data import write_csv
 from inductrack_ros.monitoring.monitor import Monitor
+from inductrack_ros.nodes.topics import nanoseconds_of
 
 SOURCE = """
 from inductrack_ros.core.effects import Parameter, effect
@@ -72,6 +74,36 @@ def test_diagnosis_finds_it_and_its_parameters(rig, tmp_path):
     for name, truth in TRUTH.items():
         entry = found["parameters"][f"creeping:heave.{name}"]
         assert abs(entry["value"] - truth) < 4 * entry["std"] and entry["std"] < 0.3 * truth
+
+
+def test_fit_frees_its_parameters(rig, tmp_path):
+    folder, _, model = rig
+    model.with_changes(effects={"creeping:heave": {"share": 0.1, "speed": 20.0}}).save(folder / "near.yaml")
+    free = "eta,gamma,creeping:heave.share,creeping:heave.speed"
+    assert main(["fit", str(folder), "--model", str(folder / "near.yaml"), "--free", free, "--output", str(tmp_path / "fit")]) == 0
+    fitted = Model.load(tmp_path / "fit" / "model.yaml").effects["creeping:heave"]
+    assert fitted["share"] == pytest.approx(0.25, rel=0.1) and fitted["speed"] == pytest.approx(30.0, rel=0.2)
+
+
+def test_the_node_measures_with_it(rig, ros, tmp_path):
+    """All of the reading creeps at 5/s: what it has gained is five times the integral of what it lacked."""
+    _, _, model = rig
+    model.with_changes(effects={"creeping:heave": {"share": 1.0, "speed": 5.0}}).save(tmp_path / "model.yaml")
+    true, read = (ros.listen(PoseStamped, f"/inductrack/{topic}") for topic in ("pose", "measured/pose"))
+    given = ("listeners:=1", "initial_state:='surge_rate=25,heave=-0.004'", "drive_current:=0.0", "measured.heave.noise:=0.0")
+    ros.start("sim", "--ros-args", "--params-file", str(tmp_path / "model.yaml"), *(word for g in given for word in ("-p", g)))
+    ros.wait(lambda: len(read) > 250 and len(true) > 250, "half a second of poses")
+
+    def heave(messages):
+        return {nanoseconds_of(m.header.stamp): m.pose.position.z for m in messages}
+
+    true, read = heave(true), heave(read)
+    stamps = np.array(sorted(true.keys() & read.keys()))
+    lacked = np.array([true[s] - read[s] for s in stamps.tolist()])
+    reading = np.array([read[s] for s in stamps.tolist()])
+    gained = 5.0 * np.concatenate([[0.0], np.cumsum(0.5 * (lacked[1:] + lacked[:-1]) * np.diff(stamps) / 1e9)])
+    assert lacked[0] == 0.0 and np.abs(lacked).max() > 1e-4
+    assert np.abs(reading - reading[0] - gained).max() < 0.01 * np.ptp(reading)
 
 
 def judged(rig, model):

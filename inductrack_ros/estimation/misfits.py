@@ -103,7 +103,7 @@ class TravelMisfit:
 
     def __init__(self, model: Model, free: Sequence[str], travels: Travels):
         self.model, self.free, self.travels = model, tuple(free), travels
-        self.declared = declarations(model, self.free)
+        self.declared = declarations(model, self.free, sensors=False)
         self.noise_known = bool(np.isfinite(travels.std).all())
         if np.isfinite(travels.std).any() and not self.noise_known:
             raise InputError("travel distances: std is given for some rows only; give it for all or for none")
@@ -134,13 +134,17 @@ class TravelMisfit:
         return (self.travels.travel - self.predict(values)) / self._scale
 
 
-def declarations(model: Model, free: Sequence[str]) -> list[Parameter]:
-    """The declaration of each free parameter (``eta``, ``aerodynamic_drag.drag_area``). Raises `InputError` for an unknown one."""
+def declarations(model: Model, free: Sequence[str], sensors: bool = True) -> list[Parameter]:
+    """The declaration of each free parameter (``eta``, ``aerodynamic_drag.drag_area``), those of ``sensors`` too or not.
+
+    Raises `InputError` for an unknown one.
+    """
     known: dict[str, Parameter] = dict(PARAMETERS)
     for name in model.effects:
-        item = model.known_effects[name.split(":")[0]]
-        if not item.of_channel:
-            known |= {f"{name}.{p}": declared for p, declared in item.parameters.items()}
+        base, _, channel = name.partition(":")
+        item = model.known_effects[base]
+        if sensors or not item.of_sensor:
+            known |= {f"{name}.{p}": d.for_channel(channel) if channel else d for p, d in item.parameters.items()}
     for name in free:
         if name not in known:
             raise InputError(f"cannot fit '{name}'{did_you_mean(name, known)}")
