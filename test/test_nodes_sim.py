@@ -6,6 +6,8 @@ import math
 import re
 import signal
 import time
+from fnmatch import fnmatch
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from inductrack_ros import frames
 from inductrack_ros.core.model import Model
+from inductrack_ros.nodes.drive import PulseQueue
+from inductrack_ros.nodes.rest import Rest
+from inductrack_ros.nodes.simulation import Simulation
 from inductrack_ros.nodes.topics import nanoseconds_of, pulse_message, stamp_of
 
 MY_EFFECT = Path(__file__).parent.parent / "examples" / "my_effect.py"
@@ -63,10 +68,10 @@ def test_what_is_published_is_the_model_in_ros_axes(ros):
     wrenches = [messages for topic, messages in heard.items() if topic.startswith("wrench/")]
     ros.wait(lambda: len({seconds(messages[-1]) for messages in wrenches}) == 1, "all of one moment")
 
-    documented = (Path(__file__).parent.parent / "docs" / "controllers.md").read_text()
+    documented = re.findall(r"^\| `([^`]+)` \|", (Path(__file__).parent.parent / "docs" / "interfaces.md").read_text(), re.MULTILINE)
     for name, _ in ros.node.get_topic_names_and_types():
-        if name.startswith("/inductrack/") and "aerodynamic_drag" not in name:
-            assert f"`{name.rpartition('/')[2]}`" in documented or name[12:] in documented, name
+        if name.startswith("/inductrack/"):
+            assert any(fnmatch(name.removeprefix("/inductrack/"), pattern) for pattern in documented), name
 
     model = Model.create(effects={"aerodynamic_drag": {"drag_area": 0.03}})
     x0 = model.initial_state(surge_rate=15.5, sway=0.002, roll=0.01)
@@ -243,6 +248,39 @@ def test_a_signal_while_a_node_still_starts_is_quiet_too(ros, number):
         process.send(number)
         assert process.wait() == 0
         assert "Traceback" not in process.output, process.output
+
+
+def test_alone_it_flies_for_as_long_as_one_watches(ros):
+    """`ros2 run inductrack_ros sim` and nothing else: it comes to rest, says so once with the remedy, and begins anew."""
+    poses = ros.listen(PoseStamped, "/inductrack/pose")
+    sim = ros.start("sim", *options(speed_factor=4.0, rate=100.0, publish_clock="true"))
+
+    def starts() -> int:
+        return sum(m.pose.position.x == 0.0 for m in poses)
+
+    ros.wait(lambda: starts() > 2 and poses[-1].pose.position.x > 5.0, "the third run")
+    assert sim.output.count("has come to rest after") == 1 and "start it faster" in sim.output
+    stamps = [nanoseconds_of(m.header.stamp) for m in poses]
+    assert {b - a for a, b in pairwise(stamps)} == {10_000_000}  # no way back, no hole
+    assert sim.stop() == 0
+
+
+def test_a_run_that_somebody_records_or_waits_for_stays_one(ros):
+    simulation = Simulation(Model.default(), {"surge_rate": 15.5}, 500.0, PulseQueue(10, 1e4, 6e-4))
+    given = {"again": True, "lockstep": False, "listeners": 0}
+    assert not any(Rest(ros.node, given).look(simulation) for _ in range(3))  # it flies
+    simulation.x[4] = 0.0
+    for why in ({}, {"again": False}, {"lockstep": True}, {"listeners": 1}):
+        rest = Rest(ros.node, given | why)
+        assert [rest.look(simulation) for _ in range(4)] == ([False, True, False, True] if not why else [False] * 4)
+    stood = Simulation(Model.default(), {"surge_rate": 0.0}, 500.0, PulseQueue(10, 1e4, 6e-4))
+    assert not any(Rest(ros.node, given).look(stood) for _ in range(3))  # as asked
+    recorder = ros.start("record", "-o", "bag", "/pose")
+    ros.node.create_publisher(PoseStamped, "/pose", 1)
+    ros.wait(lambda: ros.node.count_subscribers("/pose"), "the recorder")
+    rest = Rest(ros.node, given)
+    assert not any(rest.look(simulation) for _ in range(4))
+    assert recorder.stop() == 0
 
 
 def test_another_namespace(ros):

@@ -77,7 +77,7 @@ def load(
             if not _is_ours(item):
                 _check_alone(item, getattr(module, f"effect_{i}"), flags)
         if announce:
-            announce("compiling the model, once for this set of effects …")
+            announce("compiling the model, once for this set of effects: 15 s to a minute …")
     try:
         warm_up(module)
     except numba.core.errors.NumbaError as error:

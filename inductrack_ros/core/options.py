@@ -59,6 +59,10 @@ SIM: dict[str, Parameter | Option] = {
     "command_timeout": Parameter(
         1.0, "s", 0.01, 3600.0, "simulated time without a drive pulse after which the controller counts as lost"
     ),
+    "again": Option(
+        True, "a cradle that has come to rest begins its run anew, stamps go on; not in lockstep, with listeners, or while a node "
+        "whose name has record in it listens",
+    ),
     "paused": Option(False, "start standing still, until the pause service says otherwise"),
     "listeners": Option(0, "time begins when so many subscribe to pose, so that a recorder misses nothing", high=1000),
     "publish_clock": Option(False, "publish /clock; simulated time then begins at 0, else at the time of the start"),

@@ -172,7 +172,7 @@ class MonitorNode(Node):
         silent = time.monotonic() - self._heard_at > SILENT
         if silent and not self.count_publishers("measured/pose"):
             self._conclude("the measurements have ended")
-        facts: dict[str, object] = {"windows": counts.windows, "windows in contact, not judged": counts.contact}
+        facts: dict[str, object] = {"windows": counts.windows, "runs begun anew": counts.restarts, "windows in contact, not judged": counts.contact}
         facts |= {f"fails in {c}": "; or ".join(where) or "everywhere it was tried" for c, where in monitor.failing.items()}
         if self._last is not None and self._last.fit is not None:
             for i, c in enumerate(COORDINATES):
@@ -186,7 +186,6 @@ class MonitorNode(Node):
                 "messages with NaN or absurd numbers": counts.not_numbers,
                 "messages out of order": counts.out_of_order,
                 "windows that could not be judged": counts.unfit,
-                "runs begun anew": counts.restarts,
             },
             facts,
             (holds, sentence),

@@ -23,6 +23,7 @@ from .drive import PulseQueue
 from .overrides import Overrides
 from .parameters import declare, effect_parameters, given, when_set, with_values, without_unknown
 from .qos import profile, subscribe
+from .rest import Rest
 from .runtime import NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
 from .topics import LOSSLESS, SimulatorTopics, channels, nanoseconds_of, stamp_of
@@ -87,6 +88,7 @@ class SimNode(Node):
         else:
             every(self, 1.0 / options["rate"], self._wake)
         self._diagnostics = Diagnostics(self, "simulation")
+        self._rest = Rest(self, options)
         self._troubles: set[str] = set()  # that have been said
         every(self, PERIOD, self._diagnose)
         self._say_what_runs()
@@ -99,6 +101,19 @@ class SimNode(Node):
         self._out_of_bounds = False
         self._zero = time.time_ns() if self._epoch is None else self._epoch
         self._published = False  # the initial state, to begin with
+        self._resume()
+
+    def _begin_anew(self) -> None:
+        """A new run, whose stamps follow those of the last one: clocks and bags know no way back."""
+        follows = self._stamp_ns() + round(1e9 / self._options["rate"])
+        try:
+            self.simulation.reset()
+        except InputError as error:  # parameters have changed since the start
+            self.get_logger().error(f"no new run begins: {error}", once=True)
+            return
+        self._zero = follows
+        self.sensors.restart()
+        self._published = False
         self._resume()
 
     def _resume(self) -> None:
@@ -300,6 +315,8 @@ class SimNode(Node):
         )
 
     def _diagnose(self) -> None:
+        if not self.paused and self._rest.look(self.simulation):
+            self._begin_anew()
         queue, troubles = self.queue, self._look_for_troubles()
         self._diagnostics.publish(
             {

@@ -31,6 +31,7 @@ class Simulation:
         origin = float(x[0])
         self._quantities = self._finite(x, 0.0, None, origin)
         self.x, self._origin, self.ticks = x, origin, 0
+        self._begun_at = float(x[4])
         self.queue.clear()
 
     @property
@@ -62,6 +63,16 @@ class Simulation:
         self.x = x
         self.ticks += 1
         return begun
+
+    @property
+    def begun_at(self) -> float:
+        """Surge rate (m/s) at the beginning of this run."""
+        return self._begun_at
+
+    @property
+    def travelled(self) -> float:
+        """Metres since the beginning of this run."""
+        return float(self.x[0]) - self._origin
 
     def quantities(self) -> dict[str, float]:
         """The model's named quantities (gaps, accelerations, normal forces, …) now; all are finite."""
