@@ -175,13 +175,15 @@ def _compare_arguments(parser: argparse.ArgumentParser) -> None:
 def _compare(arguments: argparse.Namespace) -> None:
     campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
+        from .checks import merged
         from .compare import compare
         from .comparison.files import write_results
         from .reports.compare_report import compare_report, verdict
 
         with progress() as tell:
             tell(f"predicting {len(campaign.runs)} runs from their start, and from anew every 0.2 s")
-            result = replace(compare(campaign, model), findings=findings)
+            result = compare(campaign, model)
+            result = replace(result, findings=merged(findings, result.findings))
         write_results(result, folder)
         (folder / "report.html").write_text(compare_report(result), encoding="utf-8")
     print(verdict(result))
@@ -205,13 +207,15 @@ def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
 def _diagnose(arguments: argparse.Namespace) -> None:
     campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
+        from .checks import merged
         from .diagnosis.diagnose import diagnose
         from .reports.diagnosis_report import diagnosis_report
         from .reports.diagnosis_words import verdict
         from .workers import workers
 
         with progress() as tell, workers(arguments.scheduler) as hands:
-            result = replace(diagnose(campaign, model, tell, hands), findings=findings)
+            result = diagnose(campaign, model, tell, hands)
+            result = replace(result, findings=merged(findings, result.findings))
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result, notes=campaign.notes), encoding="utf-8")
     print(verdict(result))
@@ -239,12 +243,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add(arguments: argparse.Namespace) -> None:
     campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
+        from .checks import merged
         from .diagnosis.add import add_effect
         from .reports.diagnosis_report import diagnosis_report
         from .reports.diagnosis_words import addition
 
         with progress() as tell:
-            result = replace(add_effect(campaign, model, arguments.effect, tell), findings=findings)
+            result = add_effect(campaign, model, arguments.effect, tell)
+            result = replace(result, findings=merged(findings, result.findings))
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result, addition(result), campaign.notes), encoding="utf-8")
     print(addition(result))

@@ -72,10 +72,11 @@ def _flat(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
     if run is None or (ends and count < levels.SATURATED * min(about.count, 50 * levels.FLAT)):
         return []
     value = number(float(run[channel][at]), 6)
-    kind, what = ("saturated", "the end of the sensor's range") if ends else ("stuck", "the sensor hangs")
+    # A sensor's end of range is an effect of the catalogue: the diagnosis is to see it.
+    kind, severity, what = ("saturated", WARNING, "the end of the sensor's range") if ends else ("stuck", SET_ASIDE, "the sensor hangs")
     text = f"{channel} stays at {value} for {length} samples from {place(run, at)}: {what}; {count} such samples in all"
     size = {"count": count, "share": count / about.count, "value": float(run[channel][at])}
-    return [Finding(kind, SET_ASIDE, text, "", channel, samples=as_samples(rows), size=size)]
+    return [Finding(kind, severity, text, "", channel, samples=as_samples(rows), size=size)]
 
 
 def _repeats(values: Array) -> tuple[Array, Array]:

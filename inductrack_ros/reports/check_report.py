@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..checks.check import Check
-from ..checks.finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding
+from ..checks.finding import CALLED, IMPOSSIBLE, SET_ASIDE, WARNING, Finding
 from ..core.state import UNITS
 from ..data import Run
 from .page import Figure, Page, findings_list, joined, markup, packed, severity_word, table
@@ -127,7 +127,7 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
     if finding.channel == "surge" and len(seen) > 1:  # its travel would hide all else
         values = values - np.polynomial.Polynomial.fit(run.times[seen], values[seen], 1)(run.times)
         axis = "off a steady travel"
-    data = [_dots(run, others, values, "@measured", "used"), _dots(run, marked, values, "@before", "left out")]
+    data = [_dots(run, others, values, "@measured", "used"), _dots(run, marked, values, "@before", CALLED[finding.severity])]
     layout = {
         "xaxis": {"title": "time, s"},
         "yaxis": {"title": f"{axis}, {unit}"},
