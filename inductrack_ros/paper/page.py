@@ -238,7 +238,7 @@ def _identification(page: Page, work: Reproduction) -> str:
         rows.append([
             ", ".join(f"{v:g}" for v in p.speeds), ", ".join(f"{z:.1f}" for z in p.travels),
             f"{100 * p.relative_std[0]:.2g} %", f"{100 * p.relative_std[1]:.2g} %", f"{p.correlation:.4f}",
-            f"{_combination(p)} to {100 * p.valley.best_std:.1g} %",
+            markup("{} to {:.1g} %", _combination(p), 100 * p.valley.best_std),
         ])  # fmt: skip
     choices = table(
         ["Initial speeds (m/s)", "Distances in 2 s (m)", "η ±", "γ ±", "Correlation", "Fixed best"], rows,
