@@ -17,6 +17,7 @@ from .comparison.result import Comparison, RunComparison
 from .comparison.stretches import conditions, stretches
 from .core.errors import InputError
 from .core.model import Model
+from .core.sensors import counts_from_start
 from .core.state import STATES
 from .data import Campaign, Run
 from .data.measurement import Array
@@ -133,7 +134,7 @@ def _restart(campaign: Campaign, model: Model, sigma: Mapping[str, float], truth
     An error that builds up slowly vanishes here; one that arises at a place, a speed or a touch stays, and stays there.
     None for a model with effects that count from the run's start.
     """
-    if any({"time", "travel"} & set(model.known_effects[e.partition(":")[0]].arguments) for e in model.effects):
+    if counts_from_start(model):
         return [None] * len(campaign.runs)
     cut = [(i, rows, part) for i, run in enumerate(campaign.runs) for rows, part in _windows(run, truth[i])]
     if not cut:

@@ -9,7 +9,7 @@ from inductrack_ros.core.effects import catalogue
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.rig import SENSORS, Rig
-from inductrack_ros.core.sensors import Sensors
+from inductrack_ros.core.sensors import Sensors, counts_from_start
 from inductrack_ros.core.state import INDEX, OUTPUTS
 
 #: Every effect of a sensor at a size that shows, and the value at which it vanishes.
@@ -132,6 +132,13 @@ def test_several_effects_on_a_channel_apply_in_their_order(run):
     lagged = read(run, {"sensor_lag:heave": {"time_constant": 4e-3}})
     assert read(run, effects) == pytest.approx(2.0 * (lagged + 1e-3), abs=1e-9)
     assert read(run, dict(reversed(effects.items()))) == pytest.approx(2.0 * lagged + 1e-3, abs=1e-9)
+
+
+def test_what_cannot_be_simulated_in_pieces_is_known():
+    """A comparison starts windows of a run afresh only where that gives the same readings."""
+    pieces = {name: not counts_from_start(Model.create(effects={full(name): values})) for name, values in SIZES.items()}
+    assert {n for n, whole in pieces.items() if not whole} == {"sensor_lag", "sensor_drift", "sensor_clock"}
+    assert counts_from_start(Model.create(effects=["magnet_warming"])) and not counts_from_start(Model.create(effects=["viscous_drag"]))
 
 
 # ---- tick by tick --------------------------------------------------------------------------------------------------

@@ -167,6 +167,16 @@ class Sensors:
         return {c: _plan(c, self.faults, numbers, places) for c in self.channels}
 
 
+def counts_from_start(model: Model) -> bool:
+    """Whether a piece of a run cannot be simulated by itself: an effect asks for the time or the travel since the run began, a
+    sensor has states, which nobody knows there, or its clock gains on the run's."""
+    if any({"time", "travel"} & set(model.known_effects[name.partition(":")[0]].arguments) for name in model.effects):
+        return True
+    sensors = Sensors.of(model)
+    late = np.array([0.0, 1e3])
+    return any(sensors.states(c) or abs(np.ptp(sensors.true_times(c, late)) - 1e3) > 1e-6 for c in sensors.channels)
+
+
 @dataclass(frozen=True)
 class _Plan:
     """Rows (r, 4) of `sensor_loop`, entries of p that they take, columns of the truth that are needed, number of states."""
