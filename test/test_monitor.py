@@ -270,3 +270,15 @@ def test_a_monitor_that_is_ended_says_its_verdict(ros, tmp_path):
     ros.wait(lambda: re.search("too early to tell|model fits|fails in", monitor.output), "a word on what came so far")
     assert monitor.stop(signal.SIGTERM) == 0
     assert re.search(r"the monitor ends; verdict after \d windows: ", monitor.output)
+
+
+def test_pulses_count_that_a_late_sensor_still_shows():
+    """With readings 30 ms late, a window from 1 s on shows what the thrust did from 0.97 s on."""
+    times = {}
+    for effects in ({}, {"sensor_delay:surge": {"delay": 0.03}}):
+        monitor = Monitor(Model.create(effects=effects, drive="pulses"), np.full(8, 1e-4))
+        monitor.pose(0, np.zeros(4))
+        for milliseconds in (900, 975, 999):
+            monitor.pulse(milliseconds * 1_000_000, milliseconds, 7000.0, True)
+        times[len(effects)] = monitor._burning(1_000_000_000, 1_100_000_000).times.tolist()
+    assert times == {0: [], 1: [0.975, 0.999]}  # a pulse lasts 0.6 ms

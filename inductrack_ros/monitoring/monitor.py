@@ -165,9 +165,9 @@ class Monitor:
     def _burning(self, begin: int, end: int) -> Pulses | None:
         if self.model.drive != "pulses":
             return None
-        while self._pulses and self._pulses[0][0] < begin - 1e9:
+        early = self._epoch + (self._fit.looks_at((begin - self._epoch) / 1e9) - self.model.parameters["pulse_length"]) * 1e9
+        while self._pulses and self._pulses[0][0] < min(begin - 1e9, early):
             self._pulses.popleft()
-        early = begin - self.model.parameters["pulse_length"] * 1e9
         rows = np.array([((s - self._epoch) / 1e9, c, i) for s, c, i in self._pulses if early < s < end]).reshape(-1, 3)
         return Pulses(*rows.T)
 

@@ -69,6 +69,11 @@ class WindowFit:
         self._inverse_inertia = np.array([1 / p["mass"]] * 3 + [1 / p["roll_inertia"]]) * model.moving
         self._sensors = Sensors.of(model)
 
+    def looks_at(self, time: float) -> float:
+        """The earliest moment (s) of which a sensor reads at a time, or the time itself."""
+        at = np.array([time])
+        return min([time, *(float(self._sensors.true_times(c, at)[0]) for c in self._sensors.channels)])
+
     def fit(self, samples: Samples, sigma: np.ndarray, pulses: Pulses | None = None, origin: float = 0.0) -> Fit | None:
         """The fit, or None where the samples cannot carry one. ``sigma`` (8,) is the noise of the eight states."""
         usable = np.isin(samples.column, self.states)
