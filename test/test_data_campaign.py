@@ -1,5 +1,7 @@
 """campaign.yaml: what it may say, and one broken campaign per way to break one."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -182,6 +184,12 @@ def test_a_broken_campaign_is_one_line_that_names_it(folder, text, message):
         load(folder, text)
     assert str(folder / "campaign.yaml") in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_pipe_is_not_waited_for(folder):
+    os.mkfifo(folder / "pipe.csv")
+    with pytest.raises(InputError, match="pipe.csv: not a regular file"):
+        load(folder, "runs: [{file: pipe.csv, drive_current: 0}]")
 
 
 def test_a_broken_run_names_its_own_file(folder):

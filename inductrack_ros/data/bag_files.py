@@ -71,9 +71,8 @@ def is_bag(path: Path) -> bool:
     if path.is_dir():
         return True
     try:
-        with path.open("rb") as stream:
-            head = stream.read(16) if path.is_file() else b""
-    except OSError:
+        head = _head(path) if path.is_file() else b""  # opening a pipe could wait for ever
+    except (OSError, ValueError):
         head = b""
     return _inner(path).suffix in (".mcap", ".db3", ".bag") or head.startswith((MAGIC, SQLITE, ROS1))
 
