@@ -169,7 +169,8 @@ class Rig:
 
     def _known(self, sensor: str, stamp: float, now: float) -> bool:
         """Whether what a sensor reads at a stamp is true by now."""
-        return all(self.sensors.true_times(c, np.array([stamp]))[0] <= now + _EARLY for c in SENSORS[sensor] if c in self.sensors.channels)
+        shifted = [c for c in SENSORS[sensor] if c in self.sensors.channels]
+        return all(self.sensors.true_times(c, np.array([stamp]))[0] <= now + _EARLY for c in shifted)
 
     def _reading(self, channel: str, stamp: float, row: np.ndarray) -> float:
         if channel not in self.sensors.channels:

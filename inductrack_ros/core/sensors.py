@@ -21,6 +21,8 @@ from .state import INDEX, OUTPUTS
 MARGIN = 1e-5
 #: Times (s) between which a sensor may look.
 CLOCK = np.array([-1e7, 1e7])
+_CLOCK_RUN = np.zeros((1, 2, len(OUTPUTS)))  # a run whose surge is the time
+_CLOCK_RUN[0, :, INDEX["surge"]], _CLOCK_RUN[0, :, INDEX["surge_rate"]] = CLOCK, 1.0
 
 
 @dataclass(frozen=True)
@@ -129,13 +131,9 @@ class Sensors:
 
     def true_times(self, channel: str, at: np.ndarray) -> np.ndarray:
         """When what a channel reads at times ``at`` (m,) was true, (m,) s from the run's start."""
-        plan = self._plans.get(channel)
-        if plan is None or not (plan.rows[:, 0] == sensor_loop.SHIFT).any():
+        if channel not in self._shifts:
             return np.array(at, float)
-        clock = np.zeros((1, 2, len(OUTPUTS)))  # a run whose surge is the time
-        clock[0, :, INDEX["surge"]], clock[0, :, INDEX["surge_rate"]] = CLOCK, 1.0
-        shifts = replace(plan, rows=plan.rows[plan.rows[:, 0] == sensor_loop.SHIFT], columns=np.array([INDEX["surge"]]), states=0)
-        return self._run(shifts, INDEX["surge"], at, CLOCK, clock, np.zeros(1, np.int64), None, None, None, True)[0][0]
+        return self._run(self._shifts[channel], INDEX["surge"], at, CLOCK, _CLOCK_RUN, np.zeros(1, np.int64), None, None, None, True)[0][0]
 
     # -- how it is done -----------------------------------------------------------------------------------------
 
@@ -149,8 +147,8 @@ class Sensors:
         out, x = np.empty((jobs, at.size)), np.zeros((jobs, plan.states))
         if past is not None:
             x[:] = past.states
-        p = np.tile(self.vector, (jobs, 1)) if p is None else np.ascontiguousarray(p, float)
-        P = np.tile(self.P, (jobs, 1)) if P is None else np.ascontiguousarray(P, float)
+        p = self.vector[None].repeat(jobs, axis=0) if p is None else np.ascontiguousarray(p, float)
+        P = self.P[None].repeat(jobs, axis=0) if P is None else np.ascontiguousarray(P, float)
         begin = np.nan if past is None else past.time
         self._compiled.read(at, grid, runs, which, p, P, plan.rows, plan.columns, column, begin, x, MARGIN, held, out)
         return out, x
@@ -158,6 +156,16 @@ class Sensors:
     @cached_property
     def _compiled(self):
         return sensor_kernel.build(tuple(self.known.values()), _announce)
+
+    @cached_property
+    def _shifts(self) -> dict[str, _Plan]:
+        """Of each channel that is not read at once, what changes the time."""
+        found = {}
+        for channel, plan in self._plans.items():
+            mine = plan.rows[:, 0] == sensor_loop.SHIFT
+            if mine.any():
+                found[channel] = replace(plan, rows=plan.rows[mine], columns=np.array([INDEX["surge"]]), states=0)
+        return found
 
     @cached_property
     def _plans(self) -> dict[str, _Plan]:
