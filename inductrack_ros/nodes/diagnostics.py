@@ -37,3 +37,22 @@ class Diagnostics:
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
+
+
+def strangers(node: Node, pulses: bool) -> dict[str, str]:
+    """Which nodes a simulator finds too many or too few, in short and in a sentence that says what to do."""
+    found = {}
+    if node.count_publishers("pose") > 1:
+        found["another simulator"] = (
+            "another node publishes pose in this namespace: two simulators on one domain? (One that was killed counts for 20 s.) "
+            "Give one of them its own ROS_DOMAIN_ID, or a namespace with --ros-args -r __ns:=/other"
+        )
+    if pulses:
+        controllers = node.count_publishers("drive_pulses")
+        if controllers == 0:
+            found["no controller"] = "nobody publishes drive_pulses: no thrust until a controller starts"
+        if controllers > 1:
+            found["another controller"] = (
+                f"{controllers} nodes publish drive_pulses (one that was killed counts for 20 s); end all but one"
+            )
+    return found

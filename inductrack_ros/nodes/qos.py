@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -45,11 +46,9 @@ def subscribe(node: Node, kind: type, topic: str, callback: Callable, qos: QoSPr
 
 
 def _options(must_be_reliable: str) -> QoSOverridingOptions:
-    def check(qos: QoSProfile) -> QosCallbackResult:
+    def check(qos: QoSProfile) -> SetParametersResult:
         lossy = bool(must_be_reliable) and qos.reliability == ReliabilityPolicy.BEST_EFFORT
-        result = QosCallbackResult()
-        result.successful, result.reason = not lossy, must_be_reliable if lossy else ""
-        return result
+        return SetParametersResult(successful=not lossy, reason=must_be_reliable if lossy else "")
 
     return QoSOverridingOptions(_POLICIES, callback=check)
 

@@ -18,7 +18,7 @@ from ..core.model import Model
 from ..core.options import MODEL_OPTIONS, SIM
 from ..core.parameters import PARAMETERS
 from ..core.state import OUTPUTS
-from .diagnostics import PERIOD, Diagnostics
+from .diagnostics import PERIOD, Diagnostics, strangers
 from .drive import PulseQueue
 from .overrides import Overrides
 from .parameters import declare, effect_parameters, given, when_set, with_values, without_unknown
@@ -317,7 +317,9 @@ class SimNode(Node):
     def _diagnose(self) -> None:
         if not self.paused and self._rest.look(self.simulation):
             self._begin_anew()
-        queue, troubles = self.queue, self._look_for_troubles()
+        queue = self.queue
+        troubles = {"out of bounds": ""} if self._out_of_bounds else {}  # said when it happened
+        troubles |= strangers(self, self.model.drive == "pulses")
         self._diagnostics.publish(
             {
                 "deadline misses": self.deadline_misses,
@@ -338,27 +340,6 @@ class SimNode(Node):
             if sentence and name not in self._troubles:
                 self.get_logger().warning(sentence)
         self._troubles = set(troubles)
-
-    def _look_for_troubles(self) -> dict[str, str]:
-        """What is wrong now, in short and in a sentence that says what to do (none: it was said when it happened)."""
-        troubles = {}
-        if self._out_of_bounds:
-            troubles["out of bounds"] = ""
-        if self.count_publishers("pose") > 1:
-            troubles["another simulator"] = (
-                "another node publishes pose in this namespace: two simulators on one domain? (One that was killed "
-                "counts for 20 s.) "
-                "Give one of them its own ROS_DOMAIN_ID, or a namespace with --ros-args -r __ns:=/other"
-            )
-        if self.model.drive == "pulses":
-            controllers = self.count_publishers("drive_pulses")
-            if controllers == 0:
-                troubles["no controller"] = "nobody publishes drive_pulses: no thrust until a controller starts"
-            if controllers > 1:
-                troubles["another controller"] = (
-                    f"{controllers} nodes publish drive_pulses (one that was killed counts for 20 s); end all but one"
-                )
-        return troubles
 
 
 def main(args: list[str] | None = None) -> int:
