@@ -253,7 +253,7 @@ def test_a_signal_while_a_node_still_starts_is_quiet_too(ros, number):
 def test_alone_it_flies_for_as_long_as_one_watches(ros):
     """`ros2 run inductrack_ros sim` and nothing else: it comes to rest, says so once with the remedy, and begins anew."""
     poses = ros.listen(PoseStamped, "/inductrack/pose")
-    sim = ros.start("sim", *options(speed_factor=4.0, rate=100.0, publish_clock="true"))
+    sim = ros.start("sim", *options(speed_factor=10.0, rate=100.0, publish_clock="true"))
 
     def starts() -> int:
         return sum(m.pose.position.x == 0.0 for m in poses)
