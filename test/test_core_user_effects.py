@@ -97,8 +97,8 @@ def sluggish(thrust, lagging):
     return lagging, (thrust - lagging) / 0.05
 ''')
     model = Model.create(effects=["sluggish"], effect_files=[alone])
-    assert len(model.initial_state(surge_rate=20.0)) == 9
-    x = model.initial_state(surge_rate=20.0)
+    x = model.with_effect_states(model.initial_state(surge_rate=20.0))
+    assert len(x) == 9
     assert model.quantities(x, drive_current=7000.0)["thrust"] == pytest.approx(x[8])
     assert x[8] == pytest.approx(model.with_changes(effects={}).quantities(x)["thrust"])
 

@@ -7,7 +7,7 @@ along (`Sensors.go_on`). Both call the same compiled function, which calls the e
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,23 +45,38 @@ class Past:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What sensors make of the truth: ``faults`` in the order in which they apply, out of the effects ``known``.
+    """What sensors make of the truth: the sensor effects of a model, and ``further`` ones (effect, channel, parameters) behind them.
 
-    Parameters of the faults are entries of a vector p, named by ``parameters``; ``P`` (k,) is the model's own vector,
+    Parameters of the `faults` are entries of a vector p, named by ``parameters``; ``P`` (k,) is the model's own vector,
     of which an effect may ask for the model's parameters.
     """
 
-    faults: tuple[Fault, ...]
-    known: Mapping[str, Effect]
-    P: np.ndarray = field(repr=False)
+    model: Model
+    further: tuple[tuple[str, str, Mapping[str, float]], ...] = ()
 
     @classmethod
     def of(cls, model: Model, further: Iterable[tuple[str, str, Mapping[str, float]]] = ()) -> Sensors:
-        """The sensor effects of a model, and ``further`` ones (effect, channel, parameters) behind them."""
-        known = {n: e for n, e in model.known_effects.items() if e.of_sensor}
-        listed = [(*name.partition(":")[::2], values) for name, values in model.effects.items()] + list(further)
-        faults = [Fault(f"{n}:{c}" if c else n, known[n], c, values) for n, c, values in listed if n in known]
-        return cls(tuple(faults), known, model.vector)
+        """Those of a model, and ``further`` ones."""
+        return cls(model, tuple(further))
+
+    def __reduce__(self) -> tuple:
+        return Sensors, (self.model, self.further)  # on another machine it is compiled again, or is in the cache
+
+    @cached_property
+    def known(self) -> dict[str, Effect]:
+        """Every effect of sensors that the model knows, by name."""
+        return {n: e for n, e in self.model.known_effects.items() if e.of_sensor}
+
+    @cached_property
+    def faults(self) -> tuple[Fault, ...]:
+        """The effects that are on, in the order in which they apply."""
+        listed = [(*name.partition(":")[::2], values) for name, values in self.model.effects.items()] + list(self.further)
+        return tuple(Fault(f"{n}:{c}" if c else n, self.known[n], c, values) for n, c, values in listed if n in self.known)
+
+    @cached_property
+    def P(self) -> np.ndarray:
+        """The model's vector (k,)."""
+        return self.model.vector
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
