@@ -133,18 +133,25 @@ def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float
     if stops(model) and np.median(nearest) < -DEEP * nominal:
         return dict.fromkeys((c for c in motion.coordinates if c != "surge"), np.inf)
     found = {}
-    if free.sum() >= FEWEST:
-        for c in motion.coordinates:
-            if c == "surge" and windows.pulsed:
-                continue
-            did = motion.change(c)[free]
-            should = _change(motion.times, places[f"{c}_acceleration"])[free]
-            noise = 2.4 * abs(reading.of(c)) * windows.noise.get(c, windows.noise.get("gap_top", 0.0)) / float(np.median(motion.times[:, -1]))
-            size = max(np.median(np.abs(did)), np.median(np.abs(should)), _ground(c, model, motion, places))
-            if size > CLEAR * noise:
-                found[c] = float(np.median(np.abs(did - should)) / size)
+    driven = windows.current != 0.0
+    for c in motion.coordinates:
+        if c == "surge" and windows.pulsed:
+            continue
+        # Runs that coast say nothing of the drive, and are not to hide it.
+        groups = (free & driven, free & ~driven) if c == "surge" else (free,)
+        off = [f for rows in groups if rows.sum() >= FEWEST and (f := _off(c, windows, model, reading, motion, places, rows)) is not None]
+        if off:
+            found[c] = max(off)
     found |= _gap_misfits(windows, reading, places, nominal)
     return found
+
+
+def _off(c: str, windows: Windows, model: Model, reading: Reading, motion: _Motion, places: Mapping[str, Array], rows: Array) -> float | None:
+    """How far a coordinate's changes of speed in some windows are from what they should be; None where neither stands over the noise."""
+    did, should = motion.change(c)[rows], _change(motion.times, places[f"{c}_acceleration"])[rows]
+    noise = 2.4 * abs(reading.of(c)) * windows.noise.get(c, windows.noise.get("gap_top", 0.0)) / float(np.median(motion.times[:, -1]))
+    size = max(np.median(np.abs(did)), np.median(np.abs(should)), _ground(c, model, motion, places))
+    return float(np.median(np.abs(did - should)) / size) if size > CLEAR * noise else None
 
 
 def _ground(coordinate: str, model: Model, motion: _Motion, places: Mapping[str, Array]) -> float:
@@ -255,7 +262,7 @@ def _gap_misfits(windows: Windows, reading: Reading, places: Mapping[str, Array]
 
 def bad(found: Mapping[str, float]) -> list[str]:
     """Channels that do not belong to the model's motion."""
-    return [c for c, f in found.items() if f > levels.BAD]
+    return [c for c, f in found.items() if f > (levels.BAD_SURGE if c == "surge" else levels.BAD)]
 
 
 def total(found: Mapping[str, float], among: Iterable[str]) -> float:

@@ -71,8 +71,9 @@ MOVES = 6.5
 VALUES_FOR_EACH = 2
 #: A named factor is meant where the one found is this near to it.
 NEAR = 1.35
-#: What the model leaves of the motion's second differences: above BAD they do not belong together, below GOOD they do.
-BAD, GOOD = 0.7, 0.35
+#: What the model leaves of the motion: above BAD the channels do not belong to it, below GOOD they do. Of surge, whose noise is small beside its
+#: motion, clean campaigns leave 0.19 at most, of the others 0.5.
+BAD, BAD_SURGE, GOOD = 0.7, 0.4, 0.35
 
 
 def sigmas(count: int, level: float = FALSE_ALARMS) -> float:

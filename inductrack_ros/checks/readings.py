@@ -129,7 +129,7 @@ def _others(now: Reading, windows: Windows) -> Iterator[tuple[str, Reading]]:
 def _explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
     """Whether a reading brings something that was off to where it belongs, and nothing out of where it belonged."""
     mended = [c for c in bad(before) if after.get(c, 2.0) < levels.GOOD]
-    spoiled = [c for c in bad(after) if before.get(c, 2.0) < levels.BAD]
+    spoiled = [c for c in bad(after) if c not in bad(before) and c in before]
     return bool(mended) and not spoiled and total(after, before) < (1 - BETTER) * total(before, before)
 
 
