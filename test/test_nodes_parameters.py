@@ -74,6 +74,7 @@ FILES = {
     "whole and real numbers": ("{eta: 0.75, effects: [stand_in_heave], stand_in_heave.values: [0, 0.5]}", 0.75, ""),
     "general before special": ("/**:\n  ros__parameters: {mass: 9.0}\n  sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
     "special before general": ("/**:\n  sim: {ros__parameters: {eta: 0.75}}\n  ros__parameters: {mass: 9.0}", 0.75, ""),
+    "coordinates by name": ("{eta: 0.75, dof: [sway, heave]}", 0.75, ""),
     "later counts": ("/**: {ros__parameters: {eta: 0.5}}\n/inductrack/sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
     "no namespace": ("sim: {ros__parameters: {eta: 0.75}}", 0.7295, "nothing in it is for /inductrack/sim; its blocks are for /sim; name"),
     "another namespace": ("/rig1/sim: {ros__parameters: {eta: 0.75}}", 0.7295, "its blocks are for /rig1/sim"),
@@ -189,6 +190,11 @@ def test_what_another_callback_refuses_takes_no_effect(start, monkeypatch, name)
 
     monkeypatch.setattr(NODES[name], "at_the_end", refuse, raising=False)
     assert start(name)[0] == 0 and seen[-1] == "done"
+
+
+def test_a_model_of_coordinates_by_name_runs_in_the_monitor_too(start):
+    status, found, said = start("monitor", "{dof: [sway, heave]}")
+    assert status == 0 and list(found["dof"]) == ["sway", "heave"] and "free: sway, heave" in said
 
 
 def test_effect_files_are_sought_beside_the_file_that_names_them(start, tmp_path):

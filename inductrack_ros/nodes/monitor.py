@@ -20,7 +20,7 @@ from ..monitoring.monitor import Monitor, Window
 from ..reports.words import sized
 from .diagnostics import PERIOD, Diagnostics
 from .overrides import Overrides
-from .parameters import Option, declare, effect_parameters, given, when_set, with_values, without_unknown
+from .parameters import Option, declare, effect_parameters, freedom, given, model_options, when_set, with_values, without_unknown
 from .qos import profile, publisher, subscribe
 from .runtime import NAMESPACE, every, run
 from .topics import fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
@@ -50,7 +50,7 @@ class MonitorNode(Node):
         model = Model.from_mapping(known | {n: v for n, v in ours.items() if "." in n}, where="monitor", shared=shared)
         of_effects = effect_parameters(model)
         self._live = {*PARAMETERS, *of_effects}
-        self._options = declare(self, {**PARAMETERS, **MODEL_OPTIONS, **of_effects, **OWN}, self._live)
+        self._options = declare(self, {**PARAMETERS, **model_options(model), **of_effects, **OWN}, self._live)
         options = self._options
         self.monitor = Monitor(
             model, np.array([max(options[name], 1e-12) for name in _NOISE]),
@@ -77,7 +77,7 @@ class MonitorNode(Node):
         every(self, LOOK, self._look)
         every(self, PERIOD, self._diagnose)
         self.get_logger().info(
-            f"{model.dof} degrees of freedom, drive: {model.drive}, effects: {', '.join(model.effects) or 'none'}; "
+            f"{freedom(model)}, drive: {model.drive}, effects: {', '.join(model.effects) or 'none'}; "
             f"windows of {options['window']:g} s"
         )
 

@@ -15,7 +15,7 @@ from ..core.parameters import PARAMETERS, Parameter
 from .overrides import EMPTY
 
 __all__ = [
-    "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "given", "plain", "when_set", "with_values", "without_unknown",
+    "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "freedom", "given", "model_options", "plain", "when_set", "with_values", "without_unknown",
 ]  # fmt: skip
 
 
@@ -80,6 +80,18 @@ def when_set(node: Node, check: Callable[[dict[str, object]], object], take: Cal
 
     node.add_on_set_parameters_callback(asked)
     node.add_post_set_parameters_callback(lambda changed: take(values(changed)))
+
+
+def model_options(model: Model) -> dict[str, Option]:
+    """`MODEL_OPTIONS`, in which ``dof`` is of the type that this model has, a number or a list of coordinates: a ROS parameter keeps its type."""
+    if isinstance(model.dof, int):
+        return MODEL_OPTIONS
+    return MODEL_OPTIONS | {"dof": Option(list(model.dof), MODEL_OPTIONS["dof"].meaning)}
+
+
+def freedom(model: Model) -> str:
+    """What moves, for the log."""
+    return f"{model.dof} degrees of freedom" if isinstance(model.dof, int) else f"free: {', '.join(model.dof)}"
 
 
 def effect_parameters(model: Model) -> dict[str, Parameter]:

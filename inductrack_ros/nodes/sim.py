@@ -21,7 +21,7 @@ from ..core.state import OUTPUTS
 from .diagnostics import PERIOD, Diagnostics, strangers
 from .drive import PulseQueue
 from .overrides import Overrides
-from .parameters import declare, effect_parameters, given, when_set, with_values, without_unknown
+from .parameters import declare, effect_parameters, freedom, given, model_options, when_set, with_values, without_unknown
 from .qos import profile, subscribe
 from .rest import Rest
 from .runtime import NAMESPACE, every, run
@@ -49,7 +49,7 @@ class SimNode(Node):
         # The core checks what belongs to the model, effects' parameters included, in its own words.
         self.model = Model.from_mapping(known | of_effects, where="sim", shared=shared)
         of_effects = effect_parameters(self.model)
-        in_model = {**PARAMETERS, **MODEL_OPTIONS, **of_effects}
+        in_model = {**PARAMETERS, **model_options(self.model), **of_effects}
         self._declared = {**in_model, **OWN}
         self._options = declare(self, self._declared, live={*LIVE, *of_effects})
         self._in_model = {*PARAMETERS, *of_effects}
@@ -310,7 +310,7 @@ class SimNode(Node):
         effects = ", ".join(self.model.effects) or "none"
         mode = "in lockstep" if self._options["lockstep"] else f"at {self._options['speed_factor']:g} × real time"
         self.get_logger().info(
-            f"{self.model.dof} degrees of freedom, drive: {self.model.drive}, effects: {effects}; "
+            f"{freedom(self.model)}, drive: {self.model.drive}, effects: {effects}; "
             f"{self._options['rate']:g} Hz {mode}"
         )
 
