@@ -281,6 +281,24 @@ def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, 
                 out[k, job, i] = row[0, i]
 
 
+def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, pc, longest, outputs, ends):
+    """Outputs at each of ``times`` (n,) and the state at the next, from the state in x (n, N_STATES) moved by each row of ``offsets``
+    (jobs, N_STATES) under its row of P: ``outputs`` is (n, jobs, 15), ``ends`` (n, jobs, N_STATES); the last piece has no length."""
+    work, touching = np.empty((9, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
+    state, rows, ends_of = np.empty(N_STATES), np.empty((2, 15)), np.empty(2)
+    for k in range(x.shape[0]):
+        ends_of[0] = times[k]
+        ends_of[1] = times[min(k + 1, x.shape[0] - 1)]
+        for job in range(offsets.shape[0]):
+            for i in range(N_STATES):
+                state[i] = x[k, i] + offsets[job, i]
+            integrate(ends_of, times[k], state, P[job], on, moving, origin, averaged, pt, pp, pc, longest, work, touching, rows)
+            for i in range(15):
+                outputs[k, job, i] = rows[0, i]
+            for i in range(N_STATES):
+                ends[k, job, i] = state[i]
+
+
 def evaluate(t, x, P, on, moving, origin, averaged, pt, pp, pc, dx, q):
     """Derivative and all named quantities at one moment, contact decided from the state itself."""
     touching, groups = np.zeros(3, np.bool_), groups_on(on)

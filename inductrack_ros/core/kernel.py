@@ -43,8 +43,8 @@ class Kernel:
     """Compiled functions for one ordered set of effects, and where their numbers stand.
 
     ``parameters`` names the entries of the parameter vector P, ``states`` those of the state vector, ``effects`` the
-    entries of the switch vector ``on``. ``simulate_batch``, ``simulate_pieces`` and ``evaluate`` are `integrator`'s,
-    ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call.
+    entries of the switch vector ``on``. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces`` and ``evaluate`` are
+    `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call.
     """
 
     effects: tuple[str, ...]
@@ -53,6 +53,7 @@ class Kernel:
     started_on: tuple[str, ...]
     simulate_batch: Callable
     simulate_pieces: Callable
+    linearise_pieces: Callable
     evaluate: Callable
     fly: Callable
     source: str
@@ -143,7 +144,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
     constants |= {"N_STATES": n_states, "PADDED": (n_states + 3) // 4 * 4, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
     jitted = ["pulse_sum", "until_pulse_edge", "groups_on", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "sticks", "integrate"]
     text = mark(inspect.getsource(integrator), "_nrt=False", *jitted)
-    text = mark(text, "cache=True", "simulate_batch", "simulate_pieces", "evaluate")
+    text = mark(text, "cache=True", "simulate_batch", "simulate_pieces", "linearise_pieces", "evaluate")
     head = [
         "from math import cos, exp, pi, sin, sqrt",
         "import numpy as np",
@@ -219,7 +220,7 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
     def kernel(module: ModuleType) -> Kernel:
         return Kernel(
             tuple(e.name for e in items), tuple(names), STATES + tuple(carried), started_on,
-            module.simulate_batch, module.simulate_pieces, module.evaluate, module.fly, text,
+            module.simulate_batch, module.simulate_pieces, module.linearise_pieces, module.evaluate, module.fly, text,
         )  # fmt: skip
 
     return kernel(compiled.load(text, items, lambda module: _warm_up(kernel(module)), _FLAGS, announce))

@@ -1,0 +1,256 @@
+"""One run as a linear stochastic system: square-root filter, likelihood and smoother.
+
+The run is cut at its nodes t_0 < t_1 < …. About a trajectory x_k the deviation δ_k obeys
+
+    δ_{k+1} = Φ_k δ_k + U_k (1, θ) + w_k,    w_k ~ N(0, Q_k),        y_k = H_k δ_k + Y-columns (1, θ) + e,  e ~ N(0, R),
+
+with all measurements scaled to unit noise. Column 0 of ``inputs`` and ``data`` is what the trajectory itself leaves (defects,
+residuals); the others are derivatives by parameters θ. The filter carries one mean for each column, so that its innovations are
+a regression of white noise on whitened columns (augmented Kalman filter, de Jong 1991), and Q = 0 is the deterministic fit.
+
+Measurements are taken in one by one by Potter's square-root update; disturbances by Householder triangularisation. The
+smoother is Bryson and Frazier's in its modified form (Bierman 1973), which never inverts Q or a covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+
+@dataclass(frozen=True)
+class LinearRun:
+    """A run about a trajectory of n nodes; N states, m measurements, columns c = 1 + g.
+
+    ``first`` (n + 1,): the measurements of node k are first[k]:first[k + 1]. ``sensitivity`` (m, N), ``data`` (m, c), ``variance`` (m,) in
+    units of the stated noise; ``transitions`` (n, N, N) and ``inputs`` (n, N, c) lead to the next node (the last is not used); ``spacing``
+    (n,) s; ``start_root`` (N, N) a square root of the initial covariance, ``start_mean`` (N, c).
+    """
+
+    first: np.ndarray
+    sensitivity: np.ndarray
+    data: np.ndarray
+    variance: np.ndarray
+    transitions: np.ndarray
+    inputs: np.ndarray
+    spacing: np.ndarray
+    start_root: np.ndarray
+    start_mean: np.ndarray
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """Innovations (m, c) of every column, their variances (m,), and what the smoother needs of the way there."""
+
+    innovations: np.ndarray
+    variances: np.ndarray
+    gains: np.ndarray
+    roots: np.ndarray
+    means: np.ndarray
+
+    @property
+    def whitened(self) -> np.ndarray:
+        """Innovations over their standard deviations, (m, c)."""
+        return self.innovations / np.sqrt(self.variances)[:, None]
+
+    @property
+    def log_determinant(self) -> float:
+        """Σ log of the innovations' variances."""
+        return float(np.log(self.variances).sum())
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Deviations (n, N) of the nodes and what the data say of the disturbances.
+
+    ``adjoint`` (n, N) is the smoother's; the disturbance that leads to node k is Q_{k-1} times it. ``found`` and ``expected`` (4,) are
+    tr(∂Q/∂q λλᵀ) and its expectation: twice the log likelihood's derivative by a power q is found − expected.
+    """
+
+    deviations: np.ndarray
+    adjoint: np.ndarray
+    found: np.ndarray
+    expected: np.ndarray
+
+
+def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
+    """Filter a run with disturbances of ``power`` (4,), the spectral density (two-sided) of a white acceleration in each coordinate, m²/s³ or rad²/s³."""
+    m, n_states = run.sensitivity.shape
+    n, columns = len(run.spacing), run.data.shape[1]
+    innovations, variances, gains = np.empty((m, columns)), np.empty(m), np.empty((m, n_states))
+    roots, means = np.empty((n, n_states, n_states)), np.empty((n, n_states, columns))
+    _filter(
+        run.first, run.sensitivity, run.data, run.variance, run.transitions, run.inputs, run.spacing, run.start_root, run.start_mean,
+        np.asarray(power, float), innovations, variances, gains, roots, means,
+    )  # fmt: skip
+    return Filtered(innovations, variances, gains, roots, means)
+
+
+def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoothed:
+    """Smoothed deviations at parameters θ (g,) of the columns behind the first."""
+    weights = np.concatenate([[1.0], theta])
+    deviations, adjoint = np.empty(filtered.roots.shape[:2]), np.empty(filtered.roots.shape[:2])
+    found, expected = np.zeros(4), np.zeros(4)
+    _smoother(
+        run.first, run.sensitivity, run.transitions, run.spacing, filtered.innovations @ weights, filtered.variances, filtered.gains,
+        filtered.roots, filtered.means @ weights, deviations, adjoint, found, expected,
+    )  # fmt: skip
+    return Smoothed(deviations, adjoint, found, expected)
+
+
+@numba.njit(cache=True, nogil=True)
+def _triangularised(a, rows, columns):
+    """Householder reflections from the right make ``a`` (rows, columns) lower triangular in its first ``rows`` columns."""
+    for i in range(rows):
+        norm = 0.0
+        for j in range(i, columns):
+            norm += a[i, j] * a[i, j]
+        norm = np.sqrt(norm)
+        if norm == 0.0:
+            continue
+        if a[i, i] > 0.0:
+            norm = -norm
+        head = a[i, i] - norm
+        square = head * head
+        for j in range(i + 1, columns):
+            square += a[i, j] * a[i, j]
+        if square == 0.0:
+            continue
+        for r in range(i + 1, rows):
+            dot = a[r, i] * head
+            for j in range(i + 1, columns):
+                dot += a[r, j] * a[i, j]
+            dot *= 2.0 / square
+            a[r, i] -= dot * head
+            for j in range(i + 1, columns):
+                a[r, j] -= dot * a[i, j]
+        a[i, i] = norm
+        for j in range(i + 1, columns):
+            a[i, j] = 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean, power, innovations, variances, gains, roots, means):
+    n, N = transitions.shape[0], transitions.shape[1]
+    columns = Y.shape[1]
+    S, C = start_root.copy(), start_mean.copy()
+    f, wide = np.empty(N), np.zeros((N, N + 8))
+    moved = np.empty((N, columns))
+    shaken = np.flatnonzero(power > 0.0)
+    for k in range(n):
+        roots[k] = S
+        means[k] = C
+        for j in range(first[k], first[k + 1]):
+            square = R[j]
+            for a in range(N):
+                f[a] = 0.0
+                for b in range(N):
+                    f[a] += S[b, a] * H[j, b]
+                square += f[a] * f[a]
+            shrink = 1.0 / (1.0 + np.sqrt(R[j] / square))
+            for a in range(N):
+                g = 0.0
+                for b in range(N):
+                    g += S[a, b] * f[b]
+                gains[j, a] = g / square
+            for a in range(N):
+                for b in range(N):
+                    S[a, b] -= shrink * gains[j, a] * f[b]
+            variances[j] = square
+            for c in range(columns):
+                left = Y[j, c]
+                for a in range(N):
+                    left -= H[j, a] * C[a, c]
+                innovations[j, c] = left
+                for a in range(N):
+                    C[a, c] += gains[j, a] * left
+        if k == n - 1:
+            break
+        F = transitions[k]
+        for a in range(N):
+            for b in range(N):
+                total = 0.0
+                for i in range(N):
+                    total += F[a, i] * S[i, b]
+                wide[a, b] = total
+            for c in range(columns):
+                total = inputs[k, a, c]
+                for i in range(N):
+                    total += F[a, i] * C[i, c]
+                moved[a, c] = total
+        C[:] = moved
+        if shaken.size:
+            T, end = spacing[k], N + 2 * shaken.size
+            for a in range(N):
+                for b in range(N, end):
+                    wide[a, b] = 0.0
+            for i, c in enumerate(shaken):
+                r = np.sqrt(power[c])
+                wide[c, N + 2 * i] = r * np.sqrt(T * T * T / 3.0)
+                wide[4 + c, N + 2 * i] = r * np.sqrt(0.75 * T)
+                wide[4 + c, N + 2 * i + 1] = r * 0.5 * np.sqrt(T)
+            _triangularised(wide, N, end)
+        for a in range(N):
+            for b in range(N):
+                S[a, b] = wide[a, b]
+
+
+@numba.njit(cache=True, nogil=True)
+def _smoother(first, H, transitions, spacing, nu, variances, gains, roots, mean, deviations, adjoint, found, expected):
+    n, N = transitions.shape[0], transitions.shape[1]
+    lam, before = np.zeros(N), np.zeros(N)
+    info, half = np.zeros((N, N)), np.zeros((N, N))
+    for k in range(n - 1, -1, -1):
+        if k < n - 1:
+            F, T = transitions[k], spacing[k]
+            for c in range(4):  # the adjoint is that of node k + 1
+                a, b, d = T * T * T / 3.0, T * T, T
+                found[c] += a * lam[c] * lam[c] + b * lam[c] * lam[4 + c] + d * lam[4 + c] * lam[4 + c]
+                expected[c] += a * info[c, c] + b * info[c, 4 + c] + d * info[4 + c, 4 + c]
+            for a in range(N):
+                before[a] = 0.0
+                for i in range(N):
+                    before[a] += F[i, a] * lam[i]
+                for b in range(N):
+                    total = 0.0
+                    for i in range(N):
+                        total += info[a, i] * F[i, b]
+                    half[a, b] = total
+            lam[:] = before
+            for a in range(N):
+                for b in range(N):
+                    total = 0.0
+                    for i in range(N):
+                        total += F[i, a] * half[i, b]
+                    info[a, b] = total
+        for j in range(first[k + 1] - 1, first[k] - 1, -1):
+            along = nu[j] / variances[j]
+            for a in range(N):
+                along -= gains[j, a] * lam[a]
+            for a in range(N):
+                lam[a] += H[j, a] * along
+            # Λ ← h hᵀ/s + (I − K hᵀ)ᵀ Λ (I − K hᵀ)
+            curved = 1.0 / variances[j]
+            for a in range(N):
+                total = 0.0
+                for i in range(N):
+                    total += info[a, i] * gains[j, i]
+                before[a] = total
+                curved += total * gains[j, a]
+            for a in range(N):
+                for b in range(N):
+                    info[a, b] += H[j, a] * H[j, b] * curved - H[j, a] * before[b] - before[a] * H[j, b]
+        for a in range(N):
+            adjoint[k, a] = lam[a]
+        for a in range(N):
+            total = 0.0
+            for b in range(N):
+                total += roots[k, b, a] * lam[b]
+            before[a] = total
+        for a in range(N):
+            total = mean[k, a]
+            for b in range(N):
+                total += roots[k, a, b] * before[b]
+            deviations[k, a] = total

@@ -1,0 +1,311 @@
+"""Multiple shooting over a plant that may be shaken: every run is held to its data at every node (Bock and Plitt 1984).
+
+A run's trajectory is the state at each point of its grid. Between neighbours the model is integrated; where it does not lead
+from one to the next, a white disturbance of the coordinates' accelerations did the rest. `linearise` gives the run as a linear
+system about a trajectory (`kalman.LinearRun`), `start` a trajectory from the data alone, and `fit` alternates the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
+from .kalman import Filtered, LinearRun, Smoothed, run_filter, run_smoother
+from .problem import STATE_PRIOR, Problem, RunData
+from .response import STATE_STEPS, gap_geometry
+from .structure import Structure
+
+#: Step of a parameter's difference, in typical sizes; of an effect's state, relative to it.
+THETA_STEP, CARRIED_STEP = 2e-3, 1e-6
+#: Range of the disturbances' power (m²/s³, rad²/s³) that a start from the data looks through.
+ROUGHEST, SMOOTHEST = 1e6, 1e-6
+#: Below this power of an acceleration a disturbance moves nothing that any sensor of the package could see in an hour.
+NO_POWER = 1e-14
+#: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the data.
+FIRST_POWER = np.array([1e2, 1e1, 1e1, 1e2])
+#: The power falls by no more than this in a step, so that the trajectories can follow (continuation); so many steps at the most.
+FALL, STEPS = 1e-2, 25
+#: Updates of the power at each linearisation; one that falls below this part of itself is still on its way.
+POWER_STEPS, RESTING = 3, 0.3
+#: A step that changes the deviance by less than this has converged.
+TOLERANCE = 0.05
+#: So many steps that gain nothing end a fit.
+IDLE = 2
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where a fit stands: theta (g,), each run's trajectory (n, N) and the disturbances' power (4,)."""
+
+    theta: np.ndarray
+    paths: tuple[np.ndarray, ...]
+    power: np.ndarray
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """A fit by multiple shooting: the ``point``, the evidence there, and whether it had converged."""
+
+    point: Point
+    evidence: Evidence
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the data say at a point: twice the negative log likelihood, whitened residuals of each run and their columns by theta."""
+
+    deviance: float
+    chi2: float
+    whitened: tuple[np.ndarray, ...]
+    filtered: tuple[Filtered, ...]
+    step: np.ndarray
+    covariance: np.ndarray
+
+
+# ---------------------------------------------------------------- linear systems
+
+
+def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> LinearRun:
+    """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it."""
+    data, model = problem.runs[i], structure.model
+    g, n_states = len(theta), len(model.kernel.states)
+    low, high = structure.bounds
+    steps = np.where(theta + THETA_STEP <= high, THETA_STEP, -THETA_STEP)
+    in_plant = [k for k, column in enumerate(structure.columns) if column is not None]
+    thetas = np.tile(theta, (1 + n_states + len(in_plant), 1))
+    offsets = np.zeros((len(thetas), n_states))
+    by_state = np.concatenate([STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, 8:]).max(axis=0, initial=0.0))])
+    offsets[1 + np.arange(n_states), np.arange(n_states)] = by_state
+    for j, k in enumerate(in_plant):
+        thetas[1 + n_states + j, k] += steps[k]
+    outputs, ends = _pieces(problem, structure, i, thetas, offsets, path)
+    transitions = (ends[:, 1 : 1 + n_states] - ends[:, :1]).transpose(0, 2, 1) / by_state
+    n = len(path)
+    inputs = np.zeros((n, n_states, 1 + g))
+    inputs[:-1, :, 0] = ends[:-1, 0] - path[1:]
+    for j, k in enumerate(in_plant):
+        inputs[:, :, 1 + k] = (ends[:, 1 + n_states + j] - ends[:, 0]) / steps[k]
+    read = _read(problem, structure, data, outputs, thetas)
+    weight = 1.0 / problem.sigma[data.channel]
+    sensitivity = (read[1 : 1 + n_states] - read[0]).T / by_state * weight[:, None]
+    y = np.zeros((len(data.y), 1 + g))
+    y[:, 0] = (data.y - read[0]) * weight
+    for j, k in enumerate(in_plant):
+        y[:, 1 + k] = -(read[1 + n_states + j] - read[0]) / steps[k] * weight
+    for k in set(range(g)) - set(in_plant):
+        moved = theta.copy()
+        moved[k] += steps[k]
+        y[:, 1 + k] = -(_read(problem, structure, data, outputs[:, :1], moved[None])[0] - read[0]) / steps[k] * weight
+    root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
+    return LinearRun(
+        np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, np.ones(len(data.y)), transitions, inputs,
+        np.append(np.diff(data.grid), 0.0), root, mean,
+    )  # fmt: skip
+
+
+def _pieces(problem: Problem, structure: Structure, i: int, thetas: np.ndarray, offsets: np.ndarray, path: np.ndarray):
+    """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's offsets and theta."""
+    data, model = problem.runs[i], structure.model
+    P = structure.vectors(thetas)
+    P[:, model.kernel.parameters.index("drive_current")] = data.run.drive_current
+    outputs, ends = np.empty((len(path), len(offsets), len(OUTPUTS))), np.empty((len(path), *offsets.shape))
+    model.kernel.linearise_pieces(
+        data.grid, np.ascontiguousarray(path), offsets, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
+        outputs, ends,
+    )  # fmt: skip
+    return outputs, ends
+
+
+def _read(problem: Problem, structure: Structure, data: RunData, outputs: np.ndarray, thetas: np.ndarray) -> np.ndarray:
+    """What the sensors read, (jobs, m), from the nodes' outputs (n, jobs, 15)."""
+    return problem.predict(structure, problem.runs.index(data), thetas, np.ascontiguousarray(outputs.transpose(1, 0, 2)))
+
+
+def _start(problem: Problem, structure: Structure, i: int, theta: np.ndarray, x: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """A square root (N, N) of the initial state's covariance and the mean (N, c) of its deviation from x."""
+    data, model = problem.runs[i], structure.model
+    n_states = len(x)
+    root, mean = np.zeros((n_states, n_states)), np.zeros((n_states, columns))
+    free = data.free_states
+    root[free, free] = STATE_PRIOR[free]
+    mean[:8, 0] = data.guess - x[:8]
+    if model.carries_states:
+        P = structure.vectors(theta[None])[0]
+        P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
+        begun = model.with_effect_states(x, P=P)
+        for s in free:
+            moved = x.copy()
+            moved[s] += STATE_STEPS[s]
+            slope = (model.with_effect_states(moved, P=P) - begun)[8:] / STATE_STEPS[s]
+            root[8:, s] = slope * STATE_PRIOR[s]
+            mean[8:, 0] += slope * mean[s, 0]
+        mean[8:, 0] += begun[8:] - x[8:]
+    return root, mean
+
+
+# ---------------------------------------------------------------- a start from the data
+
+
+def start(problem: Problem, structure: Structure, i: int) -> np.ndarray:
+    """A trajectory (n, N) of run i from its data alone: every coordinate a random walk of its rate, as rough as the data say."""
+    data, model = problem.runs[i], structure.model
+    n = len(data.grid)
+    kinematic = _kinematic(problem, model, data)
+
+    def deviance(c: int, exponent: float, power: np.ndarray) -> float:
+        tried = power.copy()
+        tried[c] = 10.0**exponent
+        f = run_filter(kinematic, tried)
+        return float((f.whitened[:, 0] ** 2).sum() + f.log_determinant)
+
+    power = model.moving * 1e2
+    seen = [c for c in range(4) if power[c] and (kinematic.sensitivity[:, [c, 4 + c]] != 0).any()]
+    exponents = np.arange(np.log10(SMOOTHEST), np.log10(ROUGHEST) + 1, 2.0)
+    for _ in range(2):
+        for c in seen:
+            power[c] = 10.0 ** min(exponents, key=lambda e, c=c: deviance(c, e, power))
+    smoothed = run_smoother(kinematic, run_filter(kinematic, power), np.empty(0)).deviations
+    path = np.zeros((n, len(model.kernel.states)))
+    path[:, :8] = data.guess + smoothed
+    held = ~np.isin(np.arange(8), data.free_states) & np.tile(model.moving == 0, 2)
+    path[:, :8][:, held] = data.guess[held]
+    path[:, 0] = np.where(model.moving[0] == 0, data.guess[0] + data.guess[4] * data.grid, path[:, 0])
+    if 2 not in seen and model.moving[2] and data.free_states.size:
+        path[:, 2] = _balance(model, path[:, 4])
+        path[:, 6] = 0.0
+    if model.carries_states:
+        P = structure.vectors(structure.start[None])[0]
+        P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
+        for k, t in enumerate(data.grid):
+            path[k] = model.with_effect_states(path[k], t, P)
+    return path
+
+
+def _kinematic(problem: Problem, model, data: RunData) -> LinearRun:
+    """The run without physics: coordinates and their rates, as positions, rates and gaps show them."""
+    n = len(data.grid)
+    geometry, g0 = gap_geometry(model), model.parameters["nominal_gap"]
+    rows = np.zeros((len(OUTPUTS), 8))
+    offset = np.zeros(len(OUTPUTS))
+    rows[:8] = np.eye(8)
+    for k, name in enumerate(GAPS):
+        rows[INDEX[name], :4], offset[INDEX[name]] = geometry[k], g0
+    used = data.column < INDEX[ACCELERATIONS[0]]
+    column, sigma = data.column[used], problem.sigma[data.channel[used]]
+    H = rows[column]
+    y = (data.y[used] - offset[column] - H @ data.guess) / sigma
+    spacing = np.append(np.diff(data.grid), 0.0)
+    F = np.tile(np.eye(8), (n, 1, 1))
+    F[:, np.arange(4), 4 + np.arange(4)] = spacing[:, None]
+    inputs = np.zeros((n, 8, 1))
+    inputs[:, :4, 0] = spacing[:, None] * data.guess[4:]
+    root = np.zeros((8, 8))
+    root[data.free_states, data.free_states] = STATE_PRIOR[data.free_states]
+    return LinearRun(
+        np.searchsorted(data.row[used], np.arange(n + 1)), H / sigma[:, None], y[:, None], np.ones(len(y)), F, inputs, spacing, root, np.zeros((8, 1))
+    )
+
+
+def _balance(model, speed: np.ndarray) -> np.ndarray:
+    """Equilibrium heave (n,) along a run, from a few speeds of it."""
+    few = np.linspace(max(speed.min(), 1.0), max(speed.max(), 1.001), 7)
+    return np.interp(speed, few, [model.equilibrium_heave(v) for v in few])
+
+
+# ---------------------------------------------------------------- likelihood and fit
+
+
+def weigh(problem: Problem, structure: Structure, systems: Sequence[LinearRun], theta: np.ndarray, power: np.ndarray) -> Evidence:
+    """The likelihood of linear runs at a power of the disturbances, theta's best step (g,) within its bounds, and its covariance (g, g)."""
+    shaken = np.where(power > NO_POWER, power, 0.0)
+    filtered = tuple(problem.for_runs(lambda i: run_filter(systems[i], shaken)))
+    g = len(theta)
+    A, b = structure.precision.copy(), structure.precision @ (structure.centre - theta)
+    whitened = [f.whitened for f in filtered]
+    for w in whitened:
+        A += w[:, 1:].T @ w[:, 1:]
+        b -= w[:, 1:].T @ w[:, 0]
+    step, free = _bounded(A, b, theta, structure)
+    left = tuple(w[:, 0] + w[:, 1:] @ step for w in whitened)
+    chi2 = sum(float(r @ r) for r in left)
+    covariance = np.zeros((g, g))
+    if free.any():
+        covariance[np.ix_(free, free)] = np.linalg.pinv(A[np.ix_(free, free)], rcond=1e-15, hermitian=True)
+    deviance = chi2 + structure.surprise(theta + step) + sum(f.log_determinant for f in filtered)
+    return Evidence(deviance, chi2, left, filtered, step, covariance)
+
+
+def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """The minimiser of a quadratic within theta's bounds by an active set, and which entries are free (g,)."""
+    low, high = structure.bounds
+    free = np.ones(len(theta), bool)
+    free[structure.held] = False
+    step = np.zeros(len(theta))
+    for _ in range(len(theta) + 1):
+        step[~free & (step == 0.0)] = 0.0
+        if free.any():
+            step[free] = np.linalg.lstsq(A[np.ix_(free, free)], b[free] - A[np.ix_(free, ~free)] @ step[~free], rcond=1e-14)[0]
+        over = free & ((theta + step < low) | (theta + step > high))
+        if not over.any():
+            break
+        step[over] = np.clip(theta + step, low, high)[over] - theta[over]
+        free &= ~over
+    return step, free
+
+
+def smoothed(problem: Problem, systems: Sequence[LinearRun], evidence: Evidence) -> list[Smoothed]:
+    """Every run's smoothed deviations at the best step of theta."""
+    return problem.for_runs(lambda i: run_smoother(systems[i], evidence.filtered[i], evidence.step))
+
+
+def likelier_power(smooth: Sequence[Smoothed], power: np.ndarray) -> np.ndarray:
+    """A power (4,) of the disturbances nearer to the likeliest, from what a smoother found at another.
+
+    Where found and expected agree, the likelihood has its maximum; their ratio is the step of a fixed-point iteration
+    (MacKay 1992). It does not fall below `NO_POWER`, which is none.
+    """
+    found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
+    ratio = np.clip(found / np.maximum(expected, 1e-300), FALL, 1.0 / FALL)
+    return np.clip(np.maximum(power, NO_POWER) * ratio, NO_POWER, ROUGHEST)
+
+
+def fit(problem: Problem, structure: Structure, point: Point | None = None) -> Shooting:
+    """Fit theta, every run's trajectory and the power of the disturbances, from the data or from a ``point`` nearby.
+
+    Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Impacts make the
+    last steps flip between equals, so the best of them counts.
+    """
+    if point is None:
+        paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
+        point = Point(np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving)
+    best, idle = None, 0
+    for _ in range(STEPS):
+        now, new = _step(problem, structure, point)
+        falling = (new.power < RESTING * point.power).any()
+        if best is None or falling or now.evidence.deviance < best.evidence.deviance - TOLERANCE:
+            best, idle = now, 0
+        else:
+            best, idle = min(best, now, key=lambda s: s.evidence.deviance), idle + 1
+        if idle == IDLE:
+            return replace(best, converged=True)
+        point = new
+    return best
+
+
+def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Shooting, Point]:
+    """The evidence at a point and the point a Gauss–Newton step further."""
+    systems = problem.for_runs(lambda i: linearise(problem, structure, i, point.theta, point.paths[i]))
+    power = point.power
+    for left in reversed(range(POWER_STEPS)):
+        evidence = weigh(problem, structure, systems, point.theta, power)
+        smooth = smoothed(problem, systems, evidence)
+        likelier = np.maximum(likelier_power(smooth, power), FALL * point.power) * problem.model.moving
+        if not left or (likelier < RESTING * power).any():  # so far away the trajectories have to follow first
+            break
+        power = likelier
+    paths = tuple(x + s.deviations for x, s in zip(point.paths, smooth, strict=True))
+    return Shooting(replace(point, power=power), evidence, False), Point(point.theta + evidence.step, paths, likelier)
