@@ -21,15 +21,15 @@ from .core.sensors import counts_from_start
 from .core.state import STATES
 from .data import Campaign, Run
 from .data.measurement import Array
-from .estimation import noise
+from .estimation import noise, shooting
 from .estimation.fit import fit
 from .estimation.problem import Problem
 from .estimation.structure import Structure
 
 #: The prediction holds until the RMS of this many samples exceeds this many times the noise.
 HOLDS_SAMPLES, HOLDS_LIMIT = 20, 3.0
-#: Horizons (s) over which an initial state is fitted before the whole run, while χ² per sample stays below `FOLLOWS`.
-HORIZONS, FOLLOWS = (0.15, 0.3, 0.6, 1.2, 2.4, 4.0, 6.0, 9.0, 14.0, 21.0), 2.0
+#: A model follows a run where no more than this is left of χ² per sample; beginnings (s) over which that is looked for.
+FOLLOWS, HORIZONS = 2.0, (0.15, 0.3, 0.6, 1.2, 2.4, 4.8, 9.6, 19.2)
 #: Length (s) of the stretches that start afresh, and the fewest samples of each channel in one.
 WINDOW, FEWEST_IN_WINDOW = 0.2, 12
 
@@ -78,30 +78,40 @@ def compare(campaign: Campaign, model: Model) -> Comparison:
 
 
 def _initial_states(problem: Problem, structure: Structure) -> list[Array]:
-    """Initial state (8,) of each run."""
-    return problem.for_runs(lambda i: _initial_state(problem.subset([i]), structure, HORIZONS, 0.02))
+    """Initial state (8,) of each run, sought from where multiple shooting has the cradle at its beginning.
 
-
-def _initial_state(problem: Problem, structure: Structure, horizons: Sequence[float], tolerance: float) -> Array:
-    """Initial state (8,) of the one run in ``problem``, fitted over as much of its beginning as the model follows.
-
-    A right model so takes all of the run in; a wrong one starts where the cradle was instead of sharing its error out
-    over the run. ``tolerance`` is what a step must still gain in χ² over the whole run.
+    It is fitted over as much of the run as the model follows: all of it where the model is right, and where the model is wrong
+    a beginning, so that its error is not shared out over the run.
     """
+    if not any(data.free_states.size for data in problem.runs):
+        return [data.guess for data in problem.runs]
+    held = [path[0, :8] for path in shooting.fit(problem, structure).point.paths]
+
+    def state(i: int) -> Array:
+        alone = problem.subset([i])
+        if not problem.runs[i].free_states.size:
+            return problem.runs[i].guess
+        whole = fit(alone, structure, [held[i]], iterations=12)
+        if whole.chi2 <= FOLLOWS * alone.samples:
+            return whole.states[0]
+        now = held[i]
+        for horizon in HORIZONS:
+            part = alone.within(horizon)
+            found = fit(part, structure, [now], iterations=12, tolerance=0.5)
+            if not found.chi2 <= FOLLOWS * part.samples and (now is not held[i] or not np.isfinite(found.chi2)):
+                break
+            now = found.states[0]
+        return now
+
+    return problem.for_runs(state)
+
+
+def _followed(problem: Problem, structure: Structure) -> Array:
+    """Initial state (8,) of the one short run in ``problem`` that fits the whole of it."""
     (data,) = problem.runs
-    states: Sequence[Array] = (data.guess,)
     if not data.free_states.size:
         return data.guess
-    for horizon in [h for h in horizons if h < data.grid[-1]] + [math.inf]:
-        needed = tolerance if horizon == math.inf else 0.5
-        part = problem.within(horizon)
-        found = fit(part, structure, states, iterations=12, tolerance=needed)
-        per_sample = found.chi2 / max(part.samples, 1)
-        if math.isfinite(per_sample) and (per_sample <= FOLLOWS or states[0] is data.guess):
-            states = found.states
-        if per_sample > FOLLOWS:
-            break
-    return states[0]
+    return fit(problem, structure, (data.guess,), iterations=12, tolerance=1.0).states[0]
 
 
 def _filled(run: Run) -> Run:
@@ -142,7 +152,7 @@ def _restart(campaign: Campaign, model: Model, sigma: Mapping[str, float], truth
     result: list[Array | None] = [np.full(run.values.shape, np.nan) for run in campaign.runs]
     structure = Structure(model, ())
     problem = Problem(replace(campaign, runs=tuple(part for _, _, part in cut)), model, sigma)
-    states = problem.for_runs(lambda k: _initial_state(problem.subset([k]), structure, (), 1.0))
+    states = problem.for_runs(lambda k: _followed(problem.subset([k]), structure))
     residuals = problem.residuals(structure, structure.start, states)
     for (i, rows, part), residual in zip(cut, residuals, strict=True):
         table = np.full(part.values.shape, np.nan)

@@ -13,7 +13,7 @@ from ..core.errors import InputError
 from ..core.model import Model
 from ..core.state import INDEX
 from ..data.campaign import Campaign
-from ..estimation import noise
+from ..estimation import noise, shooting
 from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.problem import Problem
 from ..estimation.structure import Structure
@@ -121,7 +121,10 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
     free = tuple(campaign.free) + tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
     structure = Structure(problem.model, free)
     structure.check()
-    base = fit_from_scratch(problem, structure)
+    shot = shooting.fit(problem, structure).point
+    base = fit(problem, structure, [path[0, :8] for path in shot.paths], shot.theta)
+    if base.rough:
+        base = min(base, fit_from_scratch(problem, structure), key=lambda f: f.chi2)
     if not np.isfinite(base.chi2):
         raise InputError(f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and drive_current")
     undetermined = base.undetermined

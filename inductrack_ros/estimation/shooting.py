@@ -27,11 +27,15 @@ NO_POWER = 1e-14
 #: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the data.
 FIRST_POWER = np.array([1e2, 1e1, 1e1, 1e2])
 #: The power falls by no more than this in a step, so that the trajectories can follow (continuation); so many steps at the most.
-FALL, STEPS = 1e-2, 25
+FALL, STEPS = 1e-3, 25
+#: Length of a step of the power's logarithm over its ratio's where that is ``FAR_ABOVE`` (below this), and at the most.
+REACH, LONGEST_REACH, FAR_ABOVE = 3.0, 8.0, -0.7
+#: A step that a run fares worse for is halved for that run, so often at the most.
+HALVINGS = 6
 #: Updates of the power at each linearisation; one that falls below this part of itself is still on its way.
 POWER_STEPS, RESTING = 3, 0.3
 #: A step that changes the deviance by less than this has converged.
-TOLERANCE = 0.05
+TOLERANCE = 0.5
 #: So many steps that gain nothing end a fit.
 IDLE = 2
 
@@ -262,15 +266,39 @@ def smoothed(problem: Problem, systems: Sequence[LinearRun], evidence: Evidence)
     return problem.for_runs(lambda i: run_smoother(systems[i], evidence.filtered[i], evidence.step))
 
 
-def likelier_power(smooth: Sequence[Smoothed], power: np.ndarray) -> np.ndarray:
-    """A power (4,) of the disturbances nearer to the likeliest, from what a smoother found at another.
+def cost(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, power: np.ndarray) -> float:
+    """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and its start, squared."""
+    data = problem.runs[i]
+    outputs, ends = _pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
+    left = (data.y - _read(problem, structure, data, outputs, theta[None])[0]) / problem.sigma[data.channel]
+    total = float(np.nansum(left**2))
+    T, defect = np.diff(data.grid), path[1:, :8] - ends[:-1, 0, :8]
+    for c in np.flatnonzero(problem.model.moving):
+        place, rate = defect[:, c], defect[:, 4 + c]
+        total += float(np.sum((place**2 / T**2 - place * rate / T + rate**2 / 3.0) * 12.0 / T) / max(power[c], NO_POWER))
+    free = data.free_states
+    return total + float(np.sum(((path[0, free] - data.guess[free]) / STATE_PRIOR[free]) ** 2))
 
-    Where found and expected agree, the likelihood has its maximum; their ratio is the step of a fixed-point iteration
-    (MacKay 1992). It does not fall below `NO_POWER`, which is none.
-    """
+
+def power_ratio(smooth: Sequence[Smoothed]) -> np.ndarray:
+    """Log of what the data show of each disturbance over what its power would make them show, (4,); 0 where the power is the likeliest."""
     found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
-    ratio = np.clip(found / np.maximum(expected, 1e-300), FALL, 1.0 / FALL)
-    return np.clip(np.maximum(power, NO_POWER) * ratio, NO_POWER, ROUGHEST)
+    return np.log(np.maximum(found, 1e-300) / np.maximum(expected, 1e-300))
+
+
+def likelier_power(power: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """A power (4,) nearer to the likeliest from its `power_ratio`, and that ``before`` at another power, where there was one.
+
+    A fixed-point iteration in the logarithm (MacKay 1992) whose steps are lengthened as the last two ratios tell (secant).
+    """
+    reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
+    if before is not None:
+        moved, change = np.log(power / before[0]), before[1] - ratio
+        with np.errstate(divide="ignore", invalid="ignore"):
+            told = moved / change
+        reach = np.where(np.isfinite(told) & (told > 0), np.clip(told, 1.0, LONGEST_REACH), reach)
+    change = np.clip(reach * ratio, np.log(FALL), -np.log(FALL))
+    return np.clip(power * np.exp(change), NO_POWER, ROUGHEST)
 
 
 def fit(problem: Problem, structure: Structure, point: Point | None = None) -> Shooting:
@@ -285,11 +313,8 @@ def fit(problem: Problem, structure: Structure, point: Point | None = None) -> S
     best, idle = None, 0
     for _ in range(STEPS):
         now, new = _step(problem, structure, point)
-        falling = (new.power < RESTING * point.power).any()
-        if best is None or falling or now.evidence.deviance < best.evidence.deviance - TOLERANCE:
-            best, idle = now, 0
-        else:
-            best, idle = min(best, now, key=lambda s: s.evidence.deviance), idle + 1
+        idle = idle + 1 if best and now.evidence.deviance > best.evidence.deviance - TOLERANCE else 0
+        best = now if best is None else min(best, now, key=lambda s: s.evidence.deviance)
         if idle == IDLE:
             return replace(best, converged=True)
         point = new
@@ -299,13 +324,28 @@ def fit(problem: Problem, structure: Structure, point: Point | None = None) -> S
 def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Shooting, Point]:
     """The evidence at a point and the point a Gauss–Newton step further."""
     systems = problem.for_runs(lambda i: linearise(problem, structure, i, point.theta, point.paths[i]))
-    power = point.power
+    power, before = np.maximum(point.power, NO_POWER), None
     for left in reversed(range(POWER_STEPS)):
         evidence = weigh(problem, structure, systems, point.theta, power)
         smooth = smoothed(problem, systems, evidence)
-        likelier = np.maximum(likelier_power(smooth, power), FALL * point.power) * problem.model.moving
+        ratio = power_ratio(smooth)
+        likelier = likelier_power(power, ratio, before)
         if not left or (likelier < RESTING * power).any():  # so far away the trajectories have to follow first
             break
-        power = likelier
-    paths = tuple(x + s.deviations for x, s in zip(point.paths, smooth, strict=True))
-    return Shooting(replace(point, power=power), evidence, False), Point(point.theta + evidence.step, paths, likelier)
+        power, before = likelier, (power, ratio)
+    theta = point.theta + evidence.step
+
+    def path(i: int) -> np.ndarray:
+        now, best, share = cost(problem, structure, i, point.theta, point.paths[i], power), None, 1.0
+        for _ in range(HALVINGS):
+            tried = point.paths[i] + share * smooth[i].deviations
+            found = cost(problem, structure, i, theta, tried, power)
+            if best is None or found < best[0]:
+                best = found, tried
+            if best[0] <= now:
+                break
+            share *= 0.5
+        return best[1]
+
+    paths = tuple(problem.for_runs(path))
+    return Shooting(replace(point, power=power), evidence, False), Point(theta, paths, likelier)
