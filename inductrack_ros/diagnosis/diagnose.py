@@ -121,7 +121,7 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
     free = tuple(campaign.free) + tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
     structure = Structure(problem.model, free)
     structure.check()
-    shot = shooting.fit(problem, structure).point
+    shot = shooting.fit(problem, structure)
     base = fit(problem, structure, [path[0, :8] for path in shot.paths], shot.theta)
     if base.rough:
         base = min(base, fit_from_scratch(problem, structure), key=lambda f: f.chi2)

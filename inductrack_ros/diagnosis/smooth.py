@@ -36,11 +36,16 @@ def smoothest(effect: str, columns: np.ndarray, residual: np.ndarray, local: boo
 
     That of a ``local`` force is none at its ends.
     """
+    return smoothest_of(effect, columns.T @ columns, columns.T @ residual, local)
+
+
+def smoothest_of(effect: str, whole: np.ndarray, told: np.ndarray, local: bool = False) -> Smooth:
+    """The same from the normal equations (l, l) and (l,) of the columns."""
     free = slice(ENDS, -ENDS) if local else slice(None)
-    gram, score = columns[:, free].T @ columns[:, free], columns[:, free].T @ residual
+    gram, score = whole[free, free].copy(), told[free]
     unit = max(np.trace(gram) / len(gram), 1e-12)  # where no run has been at all, any will do
     gram += np.diag(np.full(len(gram), 1e-12 * unit))  # nothing is known where no run has been
-    plain, bent = (roughness(effect, columns.shape[1], weight)[free, free] for weight in (0.0, 1.0))
+    plain, bent = (roughness(effect, len(told), weight)[free, free] for weight in (0.0, 1.0))
     bent = bent - plain
     bends = np.linalg.eigvalsh(bent)
     best = max((_with_weight(gram, score, unit * w, plain, bent, bends) for w in WEIGHTS), key=lambda s: s.promise)

@@ -14,6 +14,7 @@ smoother is Bryson and Frazier's in its modified form (Bierman 1973), which neve
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -38,6 +39,19 @@ class LinearRun:
     spacing: np.ndarray
     start_root: np.ndarray
     start_mean: np.ndarray
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What small causes do to one run: ``inputs`` (n, N, c) to the state between nodes and ``data`` (m, c) to the readings over noise."""
+
+    inputs: np.ndarray
+    data: np.ndarray
+
+    @staticmethod
+    def beside(parts: Sequence[Columns]) -> Columns:
+        """The columns of several side by side."""
+        return Columns(np.concatenate([p.inputs for p in parts], axis=2), np.concatenate([p.data for p in parts], axis=1))
 
 
 @dataclass(frozen=True)
@@ -160,12 +174,14 @@ def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean
                     S[a, b] -= shrink * gains[j, a] * f[b]
             variances[j] = square
             for c in range(columns):
-                left = Y[j, c]
-                for a in range(N):
-                    left -= H[j, a] * C[a, c]
-                innovations[j, c] = left
-                for a in range(N):
-                    C[a, c] += gains[j, a] * left
+                innovations[j, c] = Y[j, c]
+            for a in range(N):
+                if H[j, a] != 0.0:
+                    for c in range(columns):
+                        innovations[j, c] -= H[j, a] * C[a, c]
+            for a in range(N):
+                for c in range(columns):
+                    C[a, c] += gains[j, a] * innovations[j, c]
         if k == n - 1:
             break
         F = transitions[k]
@@ -176,10 +192,11 @@ def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean
                     total += F[a, i] * S[i, b]
                 wide[a, b] = total
             for c in range(columns):
-                total = inputs[k, a, c]
-                for i in range(N):
-                    total += F[a, i] * C[i, c]
-                moved[a, c] = total
+                moved[a, c] = inputs[k, a, c]
+            for i in range(N):
+                if F[a, i] != 0.0:
+                    for c in range(columns):
+                        moved[a, c] += F[a, i] * C[i, c]
         C[:] = moved
         if shaken.size:
             T, end = spacing[k], N + 2 * shaken.size

@@ -151,6 +151,7 @@ class Problem:
         self.sigma = np.array([sigma[c] for c in self.channels])
         self.runs = tuple(lay_out(run, self.model, self.channels, self.dof) for run in campaign.runs)
         self.threads = threads or os.cpu_count() or 1
+        self.variances: tuple[np.ndarray, ...] = ()
 
     def subset(self, indices: Sequence[int]) -> Problem:
         """The same problem with only some of its runs."""
@@ -158,6 +159,7 @@ class Problem:
         part.__dict__.update(self.__dict__)
         part.__dict__.pop("samples", None)
         part.runs = tuple(self.runs[i] for i in indices)
+        part.variances = tuple(self.variances[i] for i in indices) if self.variances else ()
         return part
 
     def with_sigma(self, sigma: np.ndarray) -> Problem:
@@ -170,6 +172,10 @@ class Problem:
     def samples(self) -> int:
         """Number of measured values."""
         return sum(len(r.y) for r in self.runs)
+
+    def variance(self, i: int) -> np.ndarray:
+        """Variance (m,) of run i's measurements over that of the channel's noise: more than 1 where a reading is worth less."""
+        return self.variances[i] if self.variances else np.ones(len(self.runs[i].y))
 
     @property
     def length(self) -> float:

@@ -9,14 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from ..core.effects.stand_in import basis
+from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
-from .kalman import Filtered, LinearRun, Smoothed, run_filter, run_smoother
+from .kalman import Columns, Filtered, LinearRun, Smoothed, run_filter, run_smoother
 from .problem import STATE_PRIOR, Problem, RunData
-from .response import STATE_STEPS, gap_geometry
-from .structure import Structure
+from .response import STATE_STEPS, VARIABLES, gap_geometry
+from .fit import UNDETERMINED
+from .structure import THETA_PRIOR, Structure
 
 #: Step of a parameter's difference, in typical sizes; of an effect's state, relative to it.
 THETA_STEP, CARRIED_STEP = 2e-3, 1e-6
@@ -26,6 +30,8 @@ ROUGHEST, SMOOTHEST = 1e6, 1e-6
 NO_POWER = 1e-14
 #: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the data.
 FIRST_POWER = np.array([1e2, 1e1, 1e1, 1e2])
+#: Share of that power with which a fit begins anew where an effect was taken away: its trajectories are good, its power is not.
+ANEW = 1e-4
 #: The power falls by no more than this in a step, so that the trajectories can follow (continuation); so many steps at the most.
 FALL, STEPS = 1e-3, 25
 #: Length of a step of the power's logarithm over its ratio's where that is ``FAR_ABOVE`` (below this), and at the most.
@@ -50,12 +56,47 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Shooting:
-    """A fit by multiple shooting: the ``point``, the evidence there, and whether it had converged."""
+class Fit:
+    """A structure fitted by multiple shooting.
 
-    point: Point
-    evidence: Evidence
+    theta (g,), a trajectory (n, N) for each run, the power (4,) of the disturbances, the deviance (twice the negative log
+    likelihood), χ² of the innovations, and the covariance of theta (g, g).
+    """
+
+    structure: Structure
+    theta: np.ndarray
+    paths: tuple[np.ndarray, ...]
+    power: np.ndarray
+    deviance: float
+    chi2: float
+    covariance: np.ndarray
     converged: bool
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted parameters by full name."""
+        return self.structure.decode(self.theta)
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Their standard deviations."""
+        return self.structure.spread(self.theta, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @cached_property
+    def model(self):
+        """The model with the fitted parameters."""
+        return self.structure.with_theta(self.theta)
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Free parameters that the data say nothing about."""
+        wide = np.sqrt(np.diag(self.covariance)) > UNDETERMINED * THETA_PRIOR
+        return tuple(n for n, w in zip(self.structure.free, wide, strict=True) if w)
+
+    @property
+    def shaken(self) -> np.ndarray:
+        """Power of the disturbances (4,), exactly 0 where the data want none."""
+        return np.where(self.power > NO_POWER, self.power, 0.0)
 
 
 @dataclass(frozen=True)
@@ -76,42 +117,98 @@ class Evidence:
 def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> LinearRun:
     """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it."""
     data, model = problem.runs[i], structure.model
-    g, n_states = len(theta), len(model.kernel.states)
-    low, high = structure.bounds
-    steps = np.where(theta + THETA_STEP <= high, THETA_STEP, -THETA_STEP)
-    in_plant = [k for k, column in enumerate(structure.columns) if column is not None]
-    thetas = np.tile(theta, (1 + n_states + len(in_plant), 1))
-    offsets = np.zeros((len(thetas), n_states))
+    n, n_states, g = *path.shape, len(theta)
+    steps = np.where(theta + THETA_STEP <= structure.bounds[1], THETA_STEP, -THETA_STEP)
+    single, of_sensors, _ = _kinds(structure)
+    thetas = np.vstack([np.tile(theta, (1 + n_states, 1)), theta + np.diag(steps)[single]])
     by_state = np.concatenate([STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, 8:]).max(axis=0, initial=0.0))])
-    offsets[1 + np.arange(n_states), np.arange(n_states)] = by_state
-    for j, k in enumerate(in_plant):
-        thetas[1 + n_states + j, k] += steps[k]
-    outputs, ends = _pieces(problem, structure, i, thetas, offsets, path)
-    transitions = (ends[:, 1 : 1 + n_states] - ends[:, :1]).transpose(0, 2, 1) / by_state
-    n = len(path)
-    inputs = np.zeros((n, n_states, 1 + g))
-    inputs[:-1, :, 0] = ends[:-1, 0] - path[1:]
-    for j, k in enumerate(in_plant):
-        inputs[:, :, 1 + k] = (ends[:, 1 + n_states + j] - ends[:, 0]) / steps[k]
-    read = _read(problem, structure, data, outputs, thetas)
+    offsets = np.zeros((len(thetas), n_states))
+    offsets[1 : 1 + n_states] = np.diag(by_state)
+    outputs, ends = pieces(problem, structure, i, thetas, offsets, path)
+    readings = read(problem, structure, i, outputs, thetas)
     weight = 1.0 / problem.sigma[data.channel]
-    sensitivity = (read[1 : 1 + n_states] - read[0]).T / by_state * weight[:, None]
-    y = np.zeros((len(data.y), 1 + g))
-    y[:, 0] = (data.y - read[0]) * weight
-    for j, k in enumerate(in_plant):
-        y[:, 1 + k] = -(read[1 + n_states + j] - read[0]) / steps[k] * weight
-    for k in set(range(g)) - set(in_plant):
-        moved = theta.copy()
-        moved[k] += steps[k]
-        y[:, 1 + k] = -(_read(problem, structure, data, outputs[:, :1], moved[None])[0] - read[0]) / steps[k] * weight
+    y, inputs = np.zeros((len(data.y), 1 + g)), np.zeros((n, n_states, 1 + g))
+    y[:, 0], inputs[:-1, :, 0] = (data.y - readings[0]) * weight, ends[:-1, 0] - path[1:]
+    places = [1 + k for k in single]
+    y[:, places] = -((readings[1 + n_states :] - readings[0]) * weight).T / steps[single]
+    inputs[:, :, places] = ((ends[:, 1 + n_states :] - ends[:, :1]) / steps[single][:, None]).transpose(0, 2, 1)
+    for k in of_sensors:
+        moved = theta + steps * (np.arange(g) == k)
+        y[:, 1 + k] = -(read(problem, structure, i, outputs[:, :1], moved[None])[0] - readings[0]) * weight / steps[k]
+    for effect, mine in structure.tables.items():
+        table = force_columns(data, problem.sigma, model, n_states, _table_forces(problem, structure, i, theta, path, effect))
+        y[:, [1 + k for k in mine]], inputs[:, :, [1 + k for k in mine]] = -table.data, table.inputs
+    sensitivity = ((readings[1 : 1 + n_states] - readings[0]) * weight).T / by_state
+    known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(axis=1)  # a late sensor's first readings are of before the run
+    sensitivity[~known], y[~known] = 0.0, 0.0
     root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
     return LinearRun(
-        np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, np.ones(len(data.y)), transitions, inputs,
-        np.append(np.diff(data.grid), 0.0), root, mean,
+        np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, problem.variance(i),
+        (ends[:, 1 : 1 + n_states] - ends[:, :1]).transpose(0, 2, 1) / by_state, inputs, np.append(np.diff(data.grid), 0.0), root, mean,
     )  # fmt: skip
 
 
-def _pieces(problem: Problem, structure: Structure, i: int, thetas: np.ndarray, offsets: np.ndarray, path: np.ndarray):
+def _kinds(structure: Structure) -> tuple[list[int], list[int], list[int]]:
+    """Indices in theta of the plant's single parameters, of the sensors' and of the tables' entries."""
+    tabled = sorted(k for mine in structure.tables.values() for k in mine)
+    single = [k for k, column in enumerate(structure.columns) if column is not None and k not in tabled]
+    return single, [k for k, column in enumerate(structure.columns) if column is None], tabled
+
+
+def _table_forces(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, effect: str) -> np.ndarray:
+    """Force histories (n, 4, l) of the entries of a stand-in's table, each of its typical size, along a trajectory."""
+    values, mine = structure.model.effects[effect], structure.tables[effect]
+    u = np.ascontiguousarray(histories(problem.runs[i], path)[VARIABLES[int(values["variable"])]])
+    shapes = basis(u, values["start"], values["step"], len(mine)) * structure.scale[mine]
+    return acting(problem, structure, i, theta, path, effect.removeprefix("stand_in_"), shapes)
+
+
+def acting(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, on: str, shapes: np.ndarray) -> np.ndarray:
+    """Force histories (n, 4, l) of shapes (n, l) that act on a coordinate (N, N·m), or on the thrust (shares of it)."""
+    forces = np.zeros((len(path), 4, shapes.shape[1]))
+    if on == "thrust":
+        forces[:, 0] = mean_thrust(problem, structure, i, theta, path)[:, None] * shapes
+    else:
+        forces[:, COORDINATES.index(on)] = shapes
+    return forces
+
+
+def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Thrust (n,) of each piece of a trajectory, N, averaged over it: what a small relative change of γ would bring."""
+    model, small = structure.model, 1e-4
+    free = Structure(structure.with_theta(theta), ("gamma",))
+    gamma = free.start
+    moved = free.encode([model.parameters["gamma"] * (1 + small)]) if "gamma" not in structure.free else gamma * (1 + small)
+    _, ends = pieces(problem, free, i, np.vstack([gamma, moved]), np.zeros((2, path.shape[1])), path)
+    T = np.diff(problem.runs[i].grid)
+    thrust = model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (small * T)
+    return np.append(thrust, thrust[-1:])
+
+
+def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
+    """Histories (n,) of what a force may depend on along a trajectory (n, N) of a run."""
+    found = {s: path[:, k] for k, s in enumerate(STATES)} | {"time": data.grid, "drive": np.full(len(path), data.run.drive_current)}
+    return {v: np.ascontiguousarray(found[v]) for v in VARIABLES}
+
+
+def force_columns(data: RunData, sigma: np.ndarray, model: Model, n_states: int, forces: np.ndarray) -> Columns:
+    """What force histories (n, 4, l) (N, N·m by coordinate) would do to a run: a trapezoid between nodes."""
+    inertia = np.array([model.parameters["mass"]] * 3 + [model.parameters["roll_inertia"]])
+    a = forces * (model.moving / inertia)[:, None]
+    inputs = np.zeros((len(a), n_states, a.shape[2]))
+    T = np.diff(data.grid)[:, None, None]
+    inputs[:-1, :4] = T**2 / 6.0 * (2.0 * a[:-1] + a[1:])
+    inputs[:-1, 4:8] = 0.5 * T * (a[:-1] + a[1:])
+    change = np.zeros((len(data.y), a.shape[2]))
+    for c, name in enumerate(ACCELERATIONS):
+        mine = data.column == INDEX[name]
+        change[mine] = a[data.row[mine], c] / sigma[data.channel[mine]][:, None]
+    return Columns(inputs, change)
+
+
+def pieces(
+    problem: Problem, structure: Structure, i: int, thetas: np.ndarray, offsets: np.ndarray, path: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's offsets and theta."""
     data, model = problem.runs[i], structure.model
     P = structure.vectors(thetas)
@@ -124,9 +221,9 @@ def _pieces(problem: Problem, structure: Structure, i: int, thetas: np.ndarray, 
     return outputs, ends
 
 
-def _read(problem: Problem, structure: Structure, data: RunData, outputs: np.ndarray, thetas: np.ndarray) -> np.ndarray:
+def read(problem: Problem, structure: Structure, i: int, outputs: np.ndarray, thetas: np.ndarray) -> np.ndarray:
     """What the sensors read, (jobs, m), from the nodes' outputs (n, jobs, 15)."""
-    return problem.predict(structure, problem.runs.index(data), thetas, np.ascontiguousarray(outputs.transpose(1, 0, 2)))
+    return problem.predict(structure, i, thetas, np.ascontiguousarray(outputs.transpose(1, 0, 2)))
 
 
 def _start(problem: Problem, structure: Structure, i: int, theta: np.ndarray, x: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -269,9 +366,11 @@ def smoothed(problem: Problem, systems: Sequence[LinearRun], evidence: Evidence)
 def cost(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, power: np.ndarray) -> float:
     """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and its start, squared."""
     data = problem.runs[i]
-    outputs, ends = _pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
-    left = (data.y - _read(problem, structure, data, outputs, theta[None])[0]) / problem.sigma[data.channel]
-    total = float(np.nansum(left**2))
+    outputs, ends = pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
+    if not np.isfinite(ends).all():
+        return np.inf
+    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel]
+    total = float(np.nansum(left**2 / problem.variance(i)))
     T, defect = np.diff(data.grid), path[1:, :8] - ends[:-1, 0, :8]
     for c in np.flatnonzero(problem.model.moving):
         place, rate = defect[:, c], defect[:, 4 + c]
@@ -283,7 +382,7 @@ def cost(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path
 def power_ratio(smooth: Sequence[Smoothed]) -> np.ndarray:
     """Log of what the data show of each disturbance over what its power would make them show, (4,); 0 where the power is the likeliest."""
     found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
-    return np.log(np.maximum(found, 1e-300) / np.maximum(expected, 1e-300))
+    return np.clip(np.log(np.maximum(found, 1e-300)) - np.log(np.maximum(expected, 1e-300)), -50.0, 50.0)
 
 
 def likelier_power(power: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
@@ -301,29 +400,37 @@ def likelier_power(power: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarra
     return np.clip(power * np.exp(change), NO_POWER, ROUGHEST)
 
 
-def fit(problem: Problem, structure: Structure, point: Point | None = None) -> Shooting:
+def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | None = None) -> list[LinearRun]:
+    """Every run about a fit's trajectories."""
+    structure = structure or fit.structure
+    return problem.for_runs(lambda i: linearise(problem, structure, i, fit.theta, fit.paths[i]))
+
+
+def fit(problem: Problem, structure: Structure, point: Point | None = None, steps: int = STEPS) -> Fit:
     """Fit theta, every run's trajectory and the power of the disturbances, from the data or from a ``point`` nearby.
 
-    Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Impacts make the
-    last steps flip between equals, so the best of them counts.
+    Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Each step is shortened
+    for a run that would fare worse for it.
     """
     if point is None:
         paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
         point = Point(np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving)
     best, idle = None, 0
-    for _ in range(STEPS):
-        now, new = _step(problem, structure, point)
-        idle = idle + 1 if best and now.evidence.deviance > best.evidence.deviance - TOLERANCE else 0
-        best = now if best is None else min(best, now, key=lambda s: s.evidence.deviance)
+    for _ in range(steps):
+        evidence, now, new = _step(problem, structure, point)
+        idle = idle + 1 if best and evidence.deviance > best[0].deviance - TOLERANCE else 0
+        if best is None or evidence.deviance < best[0].deviance:
+            best = evidence, now
         if idle == IDLE:
-            return replace(best, converged=True)
+            break
         point = new
-    return best
+    evidence, now = best
+    return Fit(structure, now.theta, now.paths, now.power, evidence.deviance, evidence.chi2, evidence.covariance, idle == IDLE)
 
 
-def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Shooting, Point]:
-    """The evidence at a point and the point a Gauss–Newton step further."""
-    systems = problem.for_runs(lambda i: linearise(problem, structure, i, point.theta, point.paths[i]))
+def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Evidence, Point, Point]:
+    """The evidence at a point, that point with its likeliest power, and the point a Gauss–Newton step further."""
+    systems = linearise_all(problem, point, structure)
     power, before = np.maximum(point.power, NO_POWER), None
     for left in reversed(range(POWER_STEPS)):
         evidence = weigh(problem, structure, systems, point.theta, power)
@@ -334,18 +441,17 @@ def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Shootin
             break
         power, before = likelier, (power, ratio)
     theta = point.theta + evidence.step
+    aim = problem.for_runs(lambda i: cost(problem, structure, i, point.theta, point.paths[i], power))
 
     def path(i: int) -> np.ndarray:
-        now, best, share = cost(problem, structure, i, point.theta, point.paths[i], power), None, 1.0
-        for _ in range(HALVINGS):
+        best = cost(problem, structure, i, theta, point.paths[i], power), point.paths[i]
+        for share in 0.5 ** np.arange(HALVINGS):
             tried = point.paths[i] + share * smooth[i].deviations
-            found = cost(problem, structure, i, theta, tried, power)
-            if best is None or found < best[0]:
+            if (found := cost(problem, structure, i, theta, tried, power)) < best[0]:
                 best = found, tried
-            if best[0] <= now:
+            if found <= aim[i]:
                 break
-            share *= 0.5
         return best[1]
 
     paths = tuple(problem.for_runs(path))
-    return Shooting(replace(point, power=power), evidence, False), Point(theta, paths, likelier)
+    return evidence, replace(point, power=power), Point(theta, paths, likelier)

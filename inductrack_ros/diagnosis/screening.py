@@ -1,0 +1,273 @@
+"""Candidates and what each promises at a fit: known effects, sets of them, and forces of any shape."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from scipy import stats
+
+from ..core.effects import catalogue
+from ..core.effects.stand_in import basis
+from ..core.state import COORDINATES, MOVING
+from ..estimation import columns
+from ..estimation.kalman import Columns, LinearRun, run_filter
+from ..estimation.problem import Problem
+from ..estimation.scores import Scores, scores, widened
+from ..estimation.shooting import NO_POWER, Fit, acting, force_columns, histories, linearise_all
+from ..estimation.structure import Structure
+from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, LEVEL, MEDIUM
+from .smooth import Smooth, smoothest_of
+
+#: The effect that is sought at every wavelength, from this many metres up, and how many of the best wavelengths are candidates.
+WAVES = "guideway_waviness"
+SHORTEST_WAVE, WAVE_STARTS, HIGHEST_WAVE = catalogue()[WAVES].parameters["wavelength"].fit_from, 2, 1e-3
+TOTALS = ("force_surge", "force_sway", "force_heave", "moment_roll")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that could be missing: its name, where its parameters start, how many parameters and independent tries it stands for."""
+
+    label: str
+    name: str
+    start: Mapping[str, float] = field(default_factory=dict)
+    parameters: int = 1
+    tries: int = 1
+
+    def price(self, family: int) -> float:
+        """Fall of the deviance that chance reaches in `LEVEL` of campaigns with ``family`` candidates."""
+        return float(stats.chi2.isf(LEVEL / (family * self.tries), max(self.parameters, 1)))
+
+
+@dataclass(frozen=True)
+class CandidateSet:
+    """Candidates taken together: the deviance they promise, and that with what chance would reach."""
+
+    members: tuple[Candidate, ...]
+    deviance: float
+    cost: float
+    sizes: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Screening:
+    """All candidates at a fit with their scores, and the ``sets`` of them, cheapest first."""
+
+    candidates: Mapping[str, Candidate]
+    scores: Scores
+    sets: tuple[CandidateSet, ...]
+
+    @property
+    def family(self) -> int:
+        """How many rivals there are."""
+        return len(self.candidates)
+
+
+def names(problem: Problem, structure: Structure) -> list[str]:
+    """Full names of all effects not yet in the structure, as far as they can matter in these runs."""
+    averaged = all(d.averaged for d in problem.runs)
+    found = []
+    for name, item in structure.model.known_effects.items():
+        if item.screened and not (item.only and (item.only == "averaged") != averaged):
+            found += [f"{name}:{c}" for c in problem.channels] if item.of_channel else [name]
+    return [n for n in found if n not in structure.effects]
+
+
+def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun] | None = None, wavy: bool = True) -> Screening:
+    """Every candidate and every small set of them at a fit; ``wavy``: waves of the track too."""
+    systems = systems or linearise_all(problem, fit)
+    wanted = [n for n in names(problem, fit.structure) if n != WAVES]
+    known = fit.model.known_effects
+    parameters = {n: known[n.partition(":")[0]].parameters for n in wanted}
+    candidates = {n: Candidate(n, n, {}, len(parameters[n])) for n in wanted}
+    parts = columns.of_parameters(problem, fit, {n: {} for n in wanted if parameters[n]})
+    parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not parameters[n]}
+    if wavy and WAVES in names(problem, fit.structure):
+        for candidate, part in _waves(problem, fit, systems):
+            candidates[candidate.label], parts[candidate.label] = candidate, part
+    found = scores(problem, fit, parts, systems)
+    return Screening(candidates, found, _sets(candidates, found))
+
+
+def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[CandidateSet, ...]:
+    """Single candidates and the pairs and triples of the best, cheapest first."""
+    family = len(candidates)
+
+    def of(labels: Sequence[str]) -> CandidateSet:
+        members = tuple(candidates[n] for n in labels)
+        e = found.expected(labels)
+        edges = np.cumsum([0] + [len(found.places[n]) for n in labels])
+        sizes = {n: e.size[a:b] for n, a, b in zip(labels, edges[:-1], edges[1:], strict=True)}
+        return CandidateSet(members, e.deviance, e.deviance + sum(m.price(family) for m in members), sizes)
+
+    sets = sorted((of([n]) for n in candidates), key=lambda s: s.cost)
+    for size, limit in zip(range(2, LARGEST_SET + 1), (IN_PAIRS, IN_TRIPLES), strict=True):
+        best = [s.members[0].label for s in sets if len(s.members) == 1][:limit]
+        pairs = (p for p in combinations(best, size) if len({candidates[n].name for n in p}) == size)
+        sets += [of(p) for p in pairs]
+    return tuple(sorted(sets, key=lambda s: s.cost))
+
+
+# ---------------------------------------------------------------- waves of the track
+
+
+def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tuple[Candidate, list[Columns]]]:
+    """Waviness at every wavelength the runs can tell apart: the best few, with amplitude and phase to start from."""
+    stiffness = problem.for_runs(lambda i: _track_stiffness(problem, fit, i))
+    reach = max(float(np.ptp(path[:, 0])) for path in fit.paths)
+    fastest = max(float(np.abs(path[:, 4]).max()) for path in fit.paths)
+    spacing = max(float(np.median(np.diff(d.grid))) for d in problem.runs)
+    shortest = max(SHORTEST_WAVE, 2.5 * fastest * spacing)
+    if reach < shortest:
+        return []
+    numbers = np.arange(1, max(2, int(reach / shortest * 1.5)) + 1) / (1.5 * reach)
+
+    def parts(i: int, some: np.ndarray) -> Columns:
+        phase = 2 * np.pi * np.outer(fit.paths[i][:, 0], some)
+        height = np.stack([np.sin(phase), np.cos(phase)], axis=2).reshape(len(phase), -1)
+        forces = stiffness[i][:, :, None] * height[:, None, :]
+        return force_columns(problem.runs[i], problem.sigma, fit.model, fit.paths[i].shape[1], forces)
+
+    tried = []
+    for some in np.array_split(numbers, max(1, len(numbers) // 60)):
+        for power in _two_powers(fit):
+            deviances, sizes = _each(problem, fit, systems, [parts(i, some) for i in range(len(problem.runs))], 2, power)
+            tried += [(d, nu, s) for d, nu, s in zip(deviances, some, sizes, strict=True)]
+    tried.sort(key=lambda t: t[0])
+    found: list[tuple[Candidate, list[Columns]]] = []
+    taken: list[float] = []
+    for _, nu, (a, b) in tried:
+        if all(abs(nu - other) > 1.5 / reach for other in taken):
+            taken.append(nu)
+            start = {"amplitude": min(float(np.hypot(a, b)), HIGHEST_WAVE), "wavelength": float(1 / nu), "phase": float(np.arctan2(b, a))}
+            candidate = Candidate(f"{WAVES}@{1 / nu:.3g}", WAVES, start, 3, 2 * len(numbers))
+            found.append((candidate, [parts(i, np.array([nu])) for i in range(len(problem.runs))]))
+        if len(found) == WAVE_STARTS:
+            break
+    return found
+
+
+def _two_powers(fit: Fit) -> list[np.ndarray]:
+    """The fitted power of the disturbances and next to none of it."""
+    return [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in (1.0, 1e-2)]
+
+
+def _each(problem, fit, systems, parts: Sequence[Columns], width: int, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The deviance (k,) that each block of ``width`` columns promises at a power, and its coefficients (k, width)."""
+    gram, score, base = _blocks(problem, fit, systems, parts, [width] * (parts[0].data.shape[1] // width), power)
+    sizes = np.array([np.linalg.lstsq(g + 1e-9 * np.trace(g) * np.eye(width) + 1e-12 * np.eye(width), s, rcond=None)[0] for g, s in zip(gram, score, strict=True)])
+    return base - np.array([s @ x for s, x in zip(score, sizes, strict=True)]), sizes
+
+
+def _blocks(problem: Problem, fit: Fit, systems: Sequence[LinearRun], parts: Sequence[Columns], widths: Sequence[int], power: np.ndarray):
+    """Normal equations of blocks of columns at a power, the nuisance projected out: each block's matrix and right-hand side, and the deviance without."""
+    g = len(fit.theta)
+    edges = np.cumsum([0, *widths])
+    prior, pull = fit.structure.precision, fit.structure.precision @ (fit.structure.centre - fit.theta)
+
+    def one(i: int):
+        f = run_filter(widened(systems[i], [parts[i]]), power)
+        w = f.whitened
+        nuisance, more = w[:, : 1 + g], w[:, 1 + g :]
+        own = [more[:, a:b].T @ more[:, a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return nuisance.T @ nuisance, nuisance.T @ more, own, f.log_determinant
+
+    found = problem.for_runs(one)
+    small, cross = sum(f[0] for f in found), sum(f[1] for f in found)
+    A, b = small[1:, 1:] + prior, -small[1:, 0] + pull
+    inverse = np.linalg.pinv(A, rcond=1e-14, hermitian=True) if g else np.zeros((0, 0))
+    step = inverse @ b
+    base = float(small[0, 0] - b @ step) + sum(f[3] for f in found)
+    gram, score = [], []
+    for k, (lo, hi) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        B = cross[1:, lo:hi]
+        gram.append(sum(f[2][k] for f in found) - B.T @ inverse @ B)
+        score.append(-cross[0, lo:hi] - B.T @ step)
+    return gram, score, base
+
+
+def _track_stiffness(problem: Problem, fit: Fit, i: int) -> np.ndarray:
+    """Generalised force per height of the track, (n, 4), along a run: minus its derivative by heave."""
+    h = 1e-5
+    above, below = (columns.quantities(problem, fit, i, TOTALS, raised) for raised in (h, -h))
+    return (below - above) / (2 * h)
+
+
+# ---------------------------------------------------------------- forces of any shape
+
+
+@dataclass(frozen=True)
+class Law:
+    """A force that ``acts_on`` a coordinate or the thrust and depends on ``variable`` in any smooth way, as a table.
+
+    ``gain``: twice the log evidence it has over no such force, the power of the disturbances being what suits each.
+    """
+
+    acts_on: str
+    variable: str
+    start: float
+    step: float
+    table: Smooth
+    gain: float
+    power: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """Name of the stand-in effect."""
+        return f"stand_in_{self.acts_on}"
+
+
+def laws(problem: Problem, fit: Fit, systems: Sequence[LinearRun], fine: Sequence[str], variables: Sequence[str] | None = None) -> list[Law]:
+    """Forces of any shape on all they may act on, most telling first; with ``fine`` tables where something is known to be missing."""
+    runs = [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
+    spans = {v: span for v in runs[0] if (variables is None or v in variables) and (span := _span([r[v] for r in runs])) is not None}
+    plain = scores(problem, fit, {}, systems).plain
+    found: list[Law] = []
+    for on in _acts_on(problem, fit):
+        tables = [(v, low, (high - low) / n, n + 1) for v, (low, high) in spans.items() for n in _sizes(v, on in fine) if not (on == "thrust" and v == "drive")]
+
+        def parts(i: int, on=on, tables=tables) -> Columns:
+            shapes = np.hstack([basis(runs[i][v], start, step, count) for v, start, step, count in tables])
+            forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], on, shapes)
+            return force_columns(problem.runs[i], problem.sigma, fit.model, fit.paths[i].shape[1], forces)
+
+        every = problem.for_runs(parts)
+        for power in _levels(fit, on in fine):
+            gram, score, base = _blocks(problem, fit, systems, every, [t[3] for t in tables], power)
+            for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
+                table = smoothest_of(f"stand_in_{on}", A, b)
+                found.append(Law(on, variable, start, step, table, plain - base + table.promise, power))
+    best: dict[tuple[str, str], Law] = {}
+    for law in found:
+        key = law.acts_on, law.variable
+        best[key] = max(best.get(key, law), law, key=lambda x: x.gain)
+    return sorted(best.values(), key=lambda x: -x.gain)
+
+
+def _levels(fit: Fit, fine: bool) -> list[np.ndarray]:
+    shares = (1.0, 1e-2, 1e-4) if fine else (1.0, 0.0)
+    return [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in shares]
+
+
+def _sizes(variable: str, fine: bool) -> tuple[int, ...]:
+    if variable == "drive":
+        return (6,)
+    if not fine:
+        return (COARSE,)
+    return (MEDIUM, FINE) if variable in ("surge", "time") else (MEDIUM,)
+
+
+def _span(values: Sequence[np.ndarray]) -> tuple[float, float] | None:
+    """Range of a variable over all runs; None where it does not move."""
+    low, high = np.quantile(np.concatenate(values), [0.001, 0.999])
+    return (float(low), float(high)) if high - low > 1e-6 * max(abs(low), abs(high), 1e-9) else None
+
+
+def _acts_on(problem: Problem, fit: Fit) -> list[str]:
+    """What a force of any shape may act on: the coordinates that move, and the thrust where runs were driven differently."""
+    found = [c for c in COORDINATES if c in MOVING[problem.dof]]
+    drives = {d.run.drive_current if d.averaged else 0.0 for d in problem.runs}
+    return [c for c in found if f"stand_in_{c}" not in fit.structure.effects] + (["thrust"] if "surge" in found and len(drives) > 1 else [])

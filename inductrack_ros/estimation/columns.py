@@ -1,0 +1,103 @@
+"""What a small cause would do along a fit's trajectories: a parameter of an effect, or a switch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..core.kernel import QUANTITIES
+from ..core.state import INDEX, OUTPUTS
+from .kalman import Columns
+from .problem import Problem
+from .shooting import THETA_STEP, Fit, pieces, read
+from .structure import Structure
+
+
+def of_parameters(problem: Problem, fit: Fit, effects: Mapping[str, Mapping[str, float]]) -> dict[str, list[Columns]]:
+    """By effect (started at the given values, else where it vanishes), what each of its parameters would do to every run, in typical sizes."""
+    if not effects:
+        return {}
+    wide = Structure(fit.model, ())
+    for name, values in effects.items():
+        wide = wide.plus(name, values)
+    of = [full.rpartition(".")[0] for full in wide.free]
+
+    def one(i: int) -> Columns:
+        theta = wide.start
+        high = wide.bounds[1]
+        steps = np.where(theta + THETA_STEP <= high, THETA_STEP, -THETA_STEP)
+        thetas = np.vstack([theta, theta + np.diag(steps)])
+        return _differences(problem, wide, i, fit.paths[i], thetas, steps)
+
+    runs = problem.for_runs(one)
+    found = {}
+    for name in effects:
+        mine = [k for k, owner in enumerate(of) if owner == name]
+        found[name] = [Columns(c.inputs[:, :, mine], c.data[:, mine]) for c in runs]
+    return found
+
+
+def _differences(problem: Problem, structure: Structure, i: int, path: np.ndarray, thetas: np.ndarray, steps: np.ndarray) -> Columns:
+    """Changes of a run's pieces and readings from the first row of thetas (1 + p, g) to each other one, over its step (p,)."""
+    data = problem.runs[i]
+    outputs, ends = pieces(problem, structure, i, thetas, np.zeros((len(thetas), path.shape[1])), path)
+    inputs = ((ends[:, 1:] - ends[:, :1]) / steps[:, None]).transpose(0, 2, 1)
+    readings = read(problem, structure, i, outputs, thetas)
+    change = (readings[1:] - readings[0]).T / steps / problem.sigma[data.channel][:, None]
+    return Columns(np.nan_to_num(inputs), np.nan_to_num(change))
+
+
+def of_switch(problem: Problem, fit: Fit, name: str) -> list[Columns]:
+    """What switching an effect without parameters (on, or off where it is on) would do to every run."""
+    here = Structure(fit.model, ())
+    there = here.minus(name) if name in here.effects else here.plus(name)
+    states = bool(fit.model.known_effects[name].states)
+
+    def one(i: int) -> Columns:
+        data, path, none = problem.runs[i], fit.paths[i], np.zeros((1, 0))
+        still = np.zeros((1, path.shape[1]))
+        before, ends = pieces(problem, here, i, none, still, path)
+        moved = carried(problem, there, i, path) if states else path
+        after, ends_after = pieces(problem, there, i, none, still, moved)
+        inputs = (ends_after[:, 0] - ends[:, 0])[:, :, None].copy()
+        inputs[:, 8:] = 0.0
+        change = read(problem, there, i, after, none)[0] - read(problem, here, i, before, none)[0]
+        return Columns(np.nan_to_num(inputs), np.nan_to_num(change / problem.sigma[data.channel])[:, None])
+
+    return problem.for_runs(one)
+
+
+def carried(problem: Problem, structure: Structure, i: int, path: np.ndarray) -> np.ndarray:
+    """A trajectory (n, N) whose effects' own states follow from node to node, from where they start."""
+    data, model = problem.runs[i], structure.model
+    P = structure.vectors(np.zeros((1, len(structure.free))) if not structure.free else structure.start[None])
+    P[:, model.kernel.parameters.index("drive_current")] = data.run.drive_current
+    x = model.with_effect_states(path[0], data.grid[0], P[0])
+    result, row = path.copy(), np.empty((1, 1, len(OUTPUTS)))
+    for k in range(len(path)):
+        result[k, 8:] = x[8:]
+        if k + 1 < len(path):
+            state = result[k][None].copy()
+            model.kernel.simulate_batch(
+                data.grid[k + 1 : k + 2], float(data.grid[k]), state, P, model.switches[None], model.moving, path[:1, 0].copy(), data.averaged, *data.pulses, 1.0, row
+            )  # fmt: skip
+            x = state[0]
+    return result
+
+
+def quantities(problem: Problem, fit: Fit, i: int, names: Sequence[str], raised: float = 0.0) -> np.ndarray:
+    """Quantities (n, q) of the equations along run i, the cradle ``raised`` above where it was (m)."""
+    data, model, path = problem.runs[i], fit.model, fit.paths[i]
+    P = model.vector.copy()
+    P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
+    dx, q = np.zeros(path.shape[1]), np.zeros(len(QUANTITIES))
+    columns = [QUANTITIES.index(n) for n in names]
+    out = np.zeros((len(path), len(columns)))
+    x = np.zeros(path.shape[1])
+    for k, t in enumerate(data.grid):
+        x[:] = path[k]
+        x[INDEX["heave"]] += raised
+        model.kernel.evaluate(t, x, P, model.switches, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
+        out[k] = q[columns]
+    return out

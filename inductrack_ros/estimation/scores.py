@@ -1,0 +1,119 @@
+"""What further columns would explain at a fit: whitened scores at several powers of the disturbances.
+
+A missing effect makes the plant look shaken, and a shaken plant hides it. So every question is asked at the power that the fit
+found and at smaller ones down to none, and each answer may take the power that suits it best. All of it is linear algebra on the
+normal equations of one linearisation, whatever the number of runs and samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .kalman import Columns, LinearRun, run_filter
+from .problem import Problem
+from .shooting import NO_POWER, Fit, linearise_all
+
+#: Shares of the fitted power at which scores are taken; 0 is the deterministic plant.
+SHARES = (1.0, 1e-1, 1e-2, 1e-4, 0.0)
+#: Prior standard deviation of a column's coefficient, in typical sizes.
+WIDE = 300.0
+#: A column that keeps less than this part of its square beside the others is one of them.
+SEEN = 1e-9
+
+
+@dataclass(frozen=True)
+class Level:
+    """The normal equations at one power (4,): ``gram`` (1 + g + c, 1 + g + c) of residual, nuisance and columns, whitened, and the
+    innovations' log determinant."""
+
+    power: np.ndarray
+    gram: np.ndarray
+    log_determinant: float
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What some columns promise: the deviance with them, their coefficients (c,) and covariance (c, c), and the power (4,) that suits them."""
+
+    deviance: float
+    size: np.ndarray
+    covariance: np.ndarray
+    power: np.ndarray
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The scores of named columns at a fit; ``places`` has each name's columns among the c."""
+
+    nuisance: int
+    prior: np.ndarray
+    pull: np.ndarray
+    places: Mapping[str, np.ndarray]
+    levels: tuple[Level, ...]
+
+    @cached_property
+    def plain(self) -> float:
+        """The deviance with none of them."""
+        return self.expected(()).deviance
+
+    def expected(self, names: Sequence[str]) -> Expected:
+        """What a set of names promises together, at the power that suits it best."""
+        chosen = np.concatenate([self.places[n] for n in names]).astype(int) if names else np.empty(0, int)
+        return min((self._at(level, chosen) for level in self.levels), key=lambda e: e.deviance)
+
+    def _at(self, level: Level, chosen: np.ndarray) -> Expected:
+        g = self.nuisance
+        rows = np.concatenate([np.arange(1, 1 + g), 1 + g + chosen])
+        A = level.gram[np.ix_(rows, rows)].copy()
+        b = -level.gram[rows, 0]
+        A[:g, :g] += self.prior
+        b[:g] += self.pull
+        A[g:, g:] += np.eye(len(chosen)) * WIDE**-2.0
+        unit = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        values, vectors = np.linalg.eigh(A / np.outer(unit, unit))
+        inverse = np.where(values > SEEN * len(values), 1.0 / np.maximum(values, 1e-300), 0.0)
+        size = vectors @ (inverse * (vectors.T @ (b / unit))) / unit
+        covariance = (vectors * inverse) @ vectors.T / np.outer(unit, unit)
+        deviance = float(level.gram[0, 0] - b @ size) + level.log_determinant
+        return Expected(deviance, size[g:], covariance[g:, g:], level.power)
+
+
+def scores(problem: Problem, fit: Fit, named: Mapping[str, Sequence[Columns]], systems: Sequence[LinearRun] | None = None) -> Scores:
+    """The scores of named columns, each given for every run, at a fit."""
+    systems = systems or linearise_all(problem, fit)
+    places, end = {}, 0
+    for name, parts in named.items():
+        width = parts[0].data.shape[1]
+        places[name], end = np.arange(end, end + width), end + width
+    wide = [widened(system, [parts[i] for parts in named.values()]) for i, system in enumerate(systems)]
+    powers = [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in SHARES]
+    distinct = [p for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
+    levels = tuple(_level(problem, wide, power) for power in distinct)
+    structure = fit.structure
+    pull = structure.precision @ (structure.centre - fit.theta)
+    return Scores(len(fit.theta), structure.precision, pull, places, levels)
+
+
+def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
+    """A linear run with more columns."""
+    if not parts:
+        return system
+    more = Columns.beside(parts)
+    mean = np.concatenate([system.start_mean, np.zeros((len(system.start_mean), more.data.shape[1]))], axis=1)
+    return replace(
+        system, data=np.concatenate([system.data, -more.data], axis=1), inputs=np.concatenate([system.inputs, more.inputs], axis=2), start_mean=mean
+    )
+
+
+def _level(problem: Problem, systems: Sequence[LinearRun], power: np.ndarray) -> Level:
+    def one(i: int) -> tuple[np.ndarray, float]:
+        f = run_filter(systems[i], power)
+        w = f.whitened
+        return w.T @ w, f.log_determinant
+
+    found = problem.for_runs(one)
+    return Level(power, sum(g for g, _ in found), sum(d for _, d in found))
