@@ -85,7 +85,7 @@ def _initial_states(problem: Problem, structure: Structure) -> list[Array]:
     """
     if not any(data.free_states.size for data in problem.runs):
         return [data.guess for data in problem.runs]
-    held = [path[0, :8] for path in shooting.fit(problem, structure).paths]
+    held = shooting.fit(problem, structure).states
 
     def state(i: int) -> Array:
         alone = problem.subset([i])

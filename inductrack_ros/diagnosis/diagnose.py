@@ -122,9 +122,9 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
     structure = Structure(problem.model, free)
     structure.check()
     shot = shooting.fit(problem, structure)
-    base = fit(problem, structure, [path[0, :8] for path in shot.paths], shot.theta)
-    if base.rough:
-        base = min(base, fit_from_scratch(problem, structure), key=lambda f: f.chi2)
+    base = fit(problem, structure, shot.states, shot.theta)
+    if not np.isfinite(base.chi2):
+        base = fit_from_scratch(problem, structure)
     if not np.isfinite(base.chi2):
         raise InputError(f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and drive_current")
     undetermined = base.undetermined

@@ -13,6 +13,7 @@ import numpy as np
 from ..estimation.fit import NOISE_TOLERANCE
 from .candidates import visible
 from .gate import Gate
+from .proposal import propose
 from .race import Trial
 from .result import INTERRUPTED
 from .search import QUICK_LATER, Search
@@ -46,8 +47,8 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
     ``answer`` is that under a larger noise: what failed then fails now, so that nothing else is sought if it passes again.
     """
     try:
-        root, gate = search.judged(root)
-        chosen, found_gate = (root, gate) if gate.adequate else answer and _passing(search, [answer]) or _seek(search, root)
+        known = None if root.fit.rough else _passing(search, [root])  # far more than noise is left: no test is needed
+        chosen, found_gate = known or answer and _passing(search, [answer]) or _proposed(search, root) or _seek(search, root)
     except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
         search.tell("interrupted: reporting what was found so far")
         chosen = search.finish(_cheapest(search, search.trials.values()))
@@ -66,6 +67,12 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
         found_gate = replace(found_gate, adequate=True)
     search.trials[frozenset(chosen.names)] = chosen  # whatever else was found with the same effects
     return chosen, found_gate
+
+
+def _proposed(search: Search, root: Trial) -> tuple[Trial, Gate] | None:
+    """What multiple shooting proposes, where that leaves nothing but noise."""
+    proposal = propose(search, root)
+    return _passing(search, [proposal]) if proposal else None
 
 
 def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:

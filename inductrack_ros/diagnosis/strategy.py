@@ -1,4 +1,4 @@
-"""The search for what is missing, on one page: screen, refit, add, until nothing more is explained; then prune and exchange.
+"""The search for what is missing, on one page: screen, refit, add, until nothing more is explained; then prune.
 
 Every stage is a function from one `State` to the next with a reason for the log (``inductrack diagnose --explain``).
 """
@@ -27,6 +27,7 @@ class State:
     price: float = 0.0
     log: tuple[str, ...] = ()
     rounds: tuple[tuple[tuple[str, ...], Screening], ...] = ()
+    freedom: tuple[tuple[str, float], ...] = ()  # what that of each force of any shape costs
 
     @property
     def cost(self) -> float:
@@ -106,20 +107,10 @@ def prune(problem: Problem, state: State) -> State:
     return state
 
 
-def exchange(problem: Problem, state: State) -> State:
-    """Put another known effect in the place of one where that explains more."""
-    for name in [n for n in state.added if not n.startswith("stand_in")]:
-        best = _first(rivals(problem, state, name))
-        if best is not None and best.cost < state.cost - LEVEL:
-            return exchange(problem, best.told(f"{best.added[-1]} explains more than {name}"))
-    return state
-
-
 STAGES: tuple[tuple[str, Stage], ...] = (
     ("known effects", add_known),
     ("a force of any shape", add_unknown),
     ("what is not needed", prune),
-    ("what explains more", exchange),
 )
 
 
@@ -160,7 +151,7 @@ def _with_known(problem: Problem, state: State, found: CandidateSet, family: int
     new = fit(problem, structure, Point(theta, paths, state.fit.power), steps)
     labels = " + ".join(m.name for m in found.members)
     price = state.price + sum(m.price(family) for m in found.members)
-    grown = State(new, (*state.added, *(m.name for m in found.members)), price, state.log, state.rounds)
+    grown = State(new, (*state.added, *(m.name for m in found.members)), price, state.log, state.rounds, state.freedom)
     return grown.told(f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})")
 
 
@@ -183,7 +174,8 @@ def _with_law(problem: Problem, state: State, law: Law) -> State:
     structure = replace(structure, smoothness={**old.smoothness, law.name: law.table.weight})
     theta = np.concatenate([state.fit.theta, law.table.values / structure.scale[len(state.fit.theta) :]])
     new = fit(problem, structure, Point(theta, state.fit.paths, state.fit.power), REFIT_STEPS)
-    grown = State(new, (*state.added, law.name), state.price + law.table.occam + law_price(problem), state.log, state.rounds)
+    freedom = (*state.freedom, (law.name, law.table.occam))
+    grown = State(new, (*state.added, law.name), state.price + law.table.occam + law_price(problem), state.log, state.rounds, freedom)
     return grown.told(f"any force in {law.acts_on} on {law.variable}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (gain {law.gain:.0f})")
 
 
@@ -195,13 +187,14 @@ def without(problem: Problem, state: State, name: str, steps: int = REFIT_STEPS)
     power = np.maximum(f.power, ANEW * FIRST_POWER) * problem.model.moving
     new = fit(problem, structure, Point(f.theta[kept], f.paths, power), steps)
     price = state.price - _share(problem, state, name)
-    return State(new, tuple(n for n in state.added if n != name), price, state.log, state.rounds)
+    freedom = tuple(f for f in state.freedom if f[0] != name)
+    return State(new, tuple(n for n in state.added if n != name), price, state.log, state.rounds, freedom)
 
 
 def _share(problem: Problem, state: State, name: str) -> float:
     """What one effect of a state costs by chance."""
     if name.startswith("stand_in"):
-        return law_price(problem)
+        return law_price(problem) + dict(state.freedom)[name]
     count = sum(n.rpartition(".")[0] == name for n in state.fit.structure.free)
     return Candidate(name, name, {}, count).price(len(names(problem, state.fit.structure)) + 1)
 

@@ -71,9 +71,8 @@ def of_switch(problem: Problem, fit: Fit, name: str) -> list[Columns]:
 def carried(problem: Problem, structure: Structure, i: int, path: np.ndarray) -> np.ndarray:
     """A trajectory (n, N) whose effects' own states follow from node to node, from where they start."""
     data, model = problem.runs[i], structure.model
-    P = structure.vectors(np.zeros((1, len(structure.free))) if not structure.free else structure.start[None])
-    P[:, model.kernel.parameters.index("drive_current")] = data.run.drive_current
-    x = model.with_effect_states(path[0], data.grid[0], P[0])
+    P = problem.vectors(structure, i, structure.start[None])
+    x = model.with_effect_states(path[0], data.grid[0], P[0], None if data.averaged else data.pulses, path[0, 0])
     result, row = path.copy(), np.empty((1, 1, len(OUTPUTS)))
     for k in range(len(path)):
         result[k, 8:] = x[8:]
@@ -89,8 +88,7 @@ def carried(problem: Problem, structure: Structure, i: int, path: np.ndarray) ->
 def quantities(problem: Problem, fit: Fit, i: int, names: Sequence[str], raised: float = 0.0) -> np.ndarray:
     """Quantities (n, q) of the equations along run i, the cradle ``raised`` above where it was (m)."""
     data, model, path = problem.runs[i], fit.model, fit.paths[i]
-    P = model.vector.copy()
-    P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
+    P = problem.vectors(Structure(model, ()), i, np.zeros((1, 0)))[0]
     dx, q = np.zeros(path.shape[1]), np.zeros(len(QUANTITIES))
     columns = [QUANTITIES.index(n) for n in names]
     out = np.zeros((len(path), len(columns)))

@@ -88,6 +88,16 @@ class Fit:
         return self.structure.with_theta(self.theta)
 
     @property
+    def states(self) -> list[np.ndarray]:
+        """Initial state (8,) of each run."""
+        return [path[0, :8] for path in self.paths]
+
+    @property
+    def point(self) -> Point:
+        """Where it stands."""
+        return Point(self.theta, self.paths, self.power)
+
+    @property
     def undetermined(self) -> tuple[str, ...]:
         """Free parameters that the data say nothing about."""
         wide = np.sqrt(np.diag(self.covariance)) > UNDETERMINED * THETA_PRIOR
@@ -211,8 +221,7 @@ def pieces(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's offsets and theta."""
     data, model = problem.runs[i], structure.model
-    P = structure.vectors(thetas)
-    P[:, model.kernel.parameters.index("drive_current")] = data.run.drive_current
+    P = problem.vectors(structure, i, thetas)
     outputs, ends = np.empty((len(path), len(offsets), len(OUTPUTS))), np.empty((len(path), *offsets.shape))
     model.kernel.linearise_pieces(
         data.grid, np.ascontiguousarray(path), offsets, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
@@ -235,13 +244,12 @@ def _start(problem: Problem, structure: Structure, i: int, theta: np.ndarray, x:
     root[free, free] = STATE_PRIOR[free]
     mean[:8, 0] = data.guess - x[:8]
     if model.carries_states:
-        P = structure.vectors(theta[None])[0]
-        P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
-        begun = model.with_effect_states(x, P=P)
+        P, pulses = problem.vectors(structure, i, theta[None])[0], None if data.averaged else data.pulses
+        begun = model.with_effect_states(x, P=P, pulses=pulses)
         for s in free:
             moved = x.copy()
             moved[s] += STATE_STEPS[s]
-            slope = (model.with_effect_states(moved, P=P) - begun)[8:] / STATE_STEPS[s]
+            slope = (model.with_effect_states(moved, P=P, pulses=pulses) - begun)[8:] / STATE_STEPS[s]
             root[8:, s] = slope * STATE_PRIOR[s]
             mean[8:, 0] += slope * mean[s, 0]
         mean[8:, 0] += begun[8:] - x[8:]
@@ -279,10 +287,9 @@ def start(problem: Problem, structure: Structure, i: int) -> np.ndarray:
         path[:, 2] = _balance(model, path[:, 4])
         path[:, 6] = 0.0
     if model.carries_states:
-        P = structure.vectors(structure.start[None])[0]
-        P[model.kernel.parameters.index("drive_current")] = data.run.drive_current
+        P = problem.vectors(structure, i, structure.start[None])[0]
         for k, t in enumerate(data.grid):
-            path[k] = model.with_effect_states(path[k], t, P)
+            path[k] = model.with_effect_states(path[k], t, P, None if data.averaged else data.pulses, path[0, 0])
     return path
 
 
