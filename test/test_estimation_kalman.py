@@ -1,0 +1,83 @@
+"""The linear filter and smoother against the same system written out as one dense Gaussian."""
+
+import numpy as np
+import pytest
+
+from inductrack_ros.estimation.kalman import LinearRun, run_filter, run_smoother
+
+NODES, STATES, PER_NODE, PARAMETERS = 7, 8, 3, 2
+
+
+@pytest.fixture
+def run() -> LinearRun:
+    rng = np.random.default_rng(0)
+    m = NODES * PER_NODE
+    return LinearRun(
+        first=np.arange(0, m + 1, PER_NODE),
+        sensitivity=rng.standard_normal((m, STATES)),
+        data=rng.standard_normal((m, 1 + PARAMETERS)),
+        variance=rng.uniform(0.5, 2.0, m),
+        transitions=np.eye(STATES) + 0.1 * rng.standard_normal((NODES, STATES, STATES)),
+        inputs=rng.standard_normal((NODES, STATES, 1 + PARAMETERS)),
+        spacing=rng.uniform(0.5, 1.0, NODES),
+        start_root=np.diag(rng.uniform(1.0, 2.0, STATES)),
+        start_mean=rng.standard_normal((STATES, 1 + PARAMETERS)),
+    )
+
+
+def white_acceleration(power: np.ndarray, T: float) -> np.ndarray:
+    """Covariance (8, 8) of what white accelerations do in T seconds."""
+    Q = np.zeros((8, 8))
+    for c, q in enumerate(power):
+        Q[np.ix_([c, 4 + c], [c, 4 + c])] = q * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]])
+    return Q
+
+
+def dense(run: LinearRun, power: np.ndarray):
+    """Covariance (m, m) of the readings, their means' columns (m, c), and of each node: mean (8, c) and covariance with the readings (8, m)."""
+    means, roots = [run.start_mean], [np.hstack([run.start_root, np.zeros((8, 8 * (NODES - 1)))])]
+    for k in range(NODES - 1):
+        values, vectors = np.linalg.eigh(white_acceleration(power, run.spacing[k]))
+        root = run.transitions[k] @ roots[-1]
+        root[:, 8 * (k + 1) : 8 * (k + 2)] += vectors * np.sqrt(np.maximum(values, 0.0))
+        means.append(run.transitions[k] @ means[-1] + run.inputs[k])
+        roots.append(root)
+    rows = [slice(run.first[k], run.first[k + 1]) for k in range(NODES)]
+    H = np.vstack([run.sensitivity[r] @ root for r, root in zip(rows, roots, strict=True)])
+    left = np.vstack([run.data[r] - run.sensitivity[r] @ mean for r, mean in zip(rows, means, strict=True)])
+    return H @ H.T + np.diag(run.variance), left, means, [root @ H.T for root in roots]
+
+
+@pytest.mark.parametrize("power", [[0.1, 0.2, 0.0, 0.4], [0.0] * 4], ids=["shaken", "deterministic"])
+def test_innovations_whiten_every_column(run, power):
+    power = np.array(power)
+    covariance, left, _, _ = dense(run, power)
+    filtered = run_filter(run, power)
+    assert filtered.whitened.T @ filtered.whitened == pytest.approx(left.T @ np.linalg.solve(covariance, left), rel=1e-9)
+    assert filtered.log_determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("power", [[0.1, 0.2, 0.0, 0.4], [0.0] * 4], ids=["shaken", "deterministic"])
+def test_the_smoother_is_the_conditional_mean(run, power):
+    power, theta = np.array(power), np.array([0.3, -0.2])
+    covariance, left, means, cross = dense(run, power)
+    weights = np.array([1.0, *theta])
+    told = np.linalg.solve(covariance, left @ weights)
+    smoothed = run_smoother(run, run_filter(run, power), theta)
+    for k in range(NODES):
+        assert smoothed.deviations[k] == pytest.approx(means[k] @ weights + cross[k] @ told, abs=1e-9)
+
+
+def test_found_less_expected_is_the_slope_of_the_likelihood(run):
+    power, theta = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.3, -0.2])
+    weights = np.array([1.0, *theta])
+
+    def twice_log_likelihood(q: np.ndarray) -> float:
+        covariance, left, _, _ = dense(run, q)
+        r = left @ weights
+        return -np.linalg.slogdet(covariance)[1] - r @ np.linalg.solve(covariance, r)
+
+    smoothed = run_smoother(run, run_filter(run, power), theta)
+    h = 1e-5
+    slopes = [(twice_log_likelihood(power + h * e) - twice_log_likelihood(power - h * e)) / (2 * h) for e in np.eye(4)]
+    assert smoothed.found - smoothed.expected == pytest.approx(slopes, rel=1e-5)

@@ -1,0 +1,79 @@
+"""Multiple shooting on runs of the independent simulator: still and shaken, complete and with something missing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from independent import simulator
+
+from inductrack_ros.core.model import Model
+from inductrack_ros.data.campaign import Campaign
+from inductrack_ros.data.measurement import Run
+from inductrack_ros.diagnosis import strategy
+from inductrack_ros.estimation import shooting
+from inductrack_ros.estimation.problem import Problem
+from inductrack_ros.estimation.structure import Structure
+
+NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4}
+MASS, TICK, SECONDS = 9.3, 2e-3, 0.6
+#: Force on the cradle (N/√Hz, two-sided) in surge, sway and heave, and moment in roll, of the shaken rig.
+SHAKING = np.array([0.42, 0.042, 0.021, 1e-3])
+
+
+def flown(rng, speed: float, current: float, rigs, shaking: np.ndarray) -> np.ndarray:
+    """States (n, 8) at every tick, kicked between any two by impulses of the standard deviation shaking · √T."""
+    states = np.zeros((int(SECONDS / TICK) + 1, 8))
+    states[0, [1, 2, 3, 4]] = 1e-3, simulator.equilibrium_heave(speed, rigs) + 3e-4, 2e-3, speed
+    if not shaking.any():
+        return simulator.simulate(np.arange(len(states)) * TICK, states[0], current, rigs)[0][:, :8]
+    inertia = np.array([MASS, MASS, MASS, rigs[0]["roll_inertia"]])
+    for k in range(1, len(states)):
+        states[k] = simulator.simulate(np.array([0.0, TICK]), states[k - 1], current, rigs)[0][-1, :8]
+        states[k, 4:] += rng.standard_normal(4) * shaking * np.sqrt(TICK) / inertia
+    return states
+
+
+def problem(shaking: np.ndarray, seed: int = 0, **changes: float) -> Problem:
+    """Three runs at three speeds, coasting and driven."""
+    rng, rigs = np.random.default_rng(seed), simulator.rig(eta=0.72, gamma=3.9, **changes)
+    times = np.arange(int(SECONDS / TICK) + 1) * TICK
+    runs = []
+    for k, (speed, current) in enumerate([(16.0, 7000.0), (22.0, 0.0), (30.0, 7000.0)]):
+        values = flown(rng, speed, current, rigs, shaking)[:, :4] + rng.standard_normal((len(times), 4)) * list(NOISE.values())
+        runs.append(Run(f"run_{k}", Path(f"run_{k}"), tuple(NOISE), times, values, times, current))
+    return Problem(Campaign("rig", Path("rig"), tuple(runs), NOISE), Model.default(), NOISE)
+
+
+def fitted(of: Problem) -> shooting.Fit:
+    return shooting.fit(of, Structure(of.model, ("eta", "gamma")))
+
+
+def test_a_still_complete_rig_is_the_deterministic_fit():
+    still = problem(np.zeros(4))
+    fit = fitted(still)
+    assert strategy.shaken(still, fit) == []
+    assert fit.chi2 == pytest.approx(still.samples, rel=0.03)
+    for name, true in {"eta": 0.72, "gamma": 3.9}.items():
+        assert abs(fit.values[name] - true) < 4 * fit.deviations[name]
+    assert fit.deviations["eta"] < 1e-4
+    assert strategy.search(still, fit).added == ()
+
+
+def test_a_shaken_rig_shows_its_power_and_lacks_nothing():
+    rig = problem(SHAKING)
+    fit = fitted(rig)
+    inertia = np.array([MASS, MASS, MASS, rig.model.parameters["roll_inertia"]])
+    found = np.sqrt(fit.power) * inertia
+    assert found == pytest.approx(SHAKING, rel=0.35)
+    assert set(strategy.shaken(rig, fit)) == {"surge", "sway", "heave", "roll"}
+    assert strategy.search(rig, fit).added == ()
+
+
+@pytest.mark.parametrize("shaking", [np.zeros(4), SHAKING], ids=["still", "shaken"])
+def test_a_missing_drag_is_found_whether_the_rig_is_shaken_or_not(shaking):
+    rig = problem(shaking, seed=1, aerodynamic_drag__drag_area=0.06)
+    state = strategy.search(rig, fitted(rig))
+    assert state.added == ("aerodynamic_drag",)
+    value, std = (getattr(state.fit, x)["aerodynamic_drag.drag_area"] for x in ("values", "deviations"))
+    assert abs(value - 0.06) < 4 * std
+    assert len(strategy.shaken(rig, state.fit)) == (4 if shaking.any() else 0)
