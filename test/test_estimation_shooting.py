@@ -69,11 +69,10 @@ def test_a_shaken_rig_shows_its_power_and_lacks_nothing():
     assert strategy.search(rig, fit).added == ()
 
 
-@pytest.mark.parametrize("shaking", [np.zeros(4), SHAKING], ids=["still", "shaken"])
-def test_a_missing_drag_is_found_whether_the_rig_is_shaken_or_not(shaking):
-    rig = problem(shaking, seed=1, aerodynamic_drag__drag_area=0.06)
+def test_a_missing_drag_is_found_and_leaves_nothing_shaken():
+    rig = problem(np.zeros(4), seed=1, aerodynamic_drag__drag_area=0.06)
     state = strategy.search(rig, fitted(rig))
     assert state.added == ("aerodynamic_drag",)
     value, std = (getattr(state.fit, x)["aerodynamic_drag.drag_area"] for x in ("values", "deviations"))
     assert abs(value - 0.06) < 4 * std
-    assert len(strategy.shaken(rig, state.fit)) == (4 if shaking.any() else 0)
+    assert strategy.shaken(rig, state.fit) == []

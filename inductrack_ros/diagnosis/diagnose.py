@@ -121,10 +121,7 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
     free = tuple(campaign.free) + tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
     structure = Structure(problem.model, free)
     structure.check()
-    shot = shooting.fit(problem, structure)
-    base = fit(problem, structure, shot.states, shot.theta)
-    if not np.isfinite(base.chi2):
-        base = fit_from_scratch(problem, structure)
+    base = _first_fit(problem, structure)
     if not np.isfinite(base.chi2):
         raise InputError(f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and drive_current")
     undetermined = base.undetermined
@@ -136,6 +133,19 @@ def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str,
         problem = problem.with_sigma(noise.from_residuals(problem, [p.residual for p in base.linear], campaign.noise_std))
         base = fit(problem, structure, base.states, base.theta)
     return problem, base, undetermined
+
+
+def _first_fit(problem: Problem, structure: Structure) -> Fit:
+    """The fit of the model as it is.
+
+    Runs by pulses are flown at an unstable speed that a controller holds, and horizons that grow do not follow them: they start
+    from multiple shooting. Runs by the averaged drive take growing horizons until the blind benchmark has shown that shooting does as well.
+    """
+    if all(data.averaged for data in problem.runs):
+        return fit_from_scratch(problem, structure)
+    shot = shooting.fit(problem, structure)
+    found = fit(problem, structure, shot.states, shot.theta)
+    return found if np.isfinite(found.chi2) else fit_from_scratch(problem, structure)
 
 
 def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, tuple[str, ...]]:

@@ -47,8 +47,8 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
     ``answer`` is that under a larger noise: what failed then fails now, so that nothing else is sought if it passes again.
     """
     try:
-        known = None if root.fit.rough else _passing(search, [root])  # far more than noise is left: no test is needed
-        chosen, found_gate = known or answer and _passing(search, [answer]) or _proposed(search, root) or _seek(search, root)
+        root, gate = search.judged(root)
+        chosen, found_gate = (root, gate) if gate.adequate else answer and _passing(search, [answer]) or _proposed(search, root) or _seek(search, root)
     except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
         search.tell("interrupted: reporting what was found so far")
         chosen = search.finish(_cheapest(search, search.trials.values()))
@@ -70,7 +70,9 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
 
 
 def _proposed(search: Search, root: Trial) -> tuple[Trial, Gate] | None:
-    """What multiple shooting proposes, where that leaves nothing but noise."""
+    """What multiple shooting proposes for runs by pulses, where that leaves nothing but noise."""
+    if all(data.averaged for data in search.problem.runs):
+        return None
     proposal = propose(search, root)
     return _passing(search, [proposal]) if proposal else None
 
