@@ -6,7 +6,7 @@ Nothing is fitted but the initial states that the campaign does not give. What i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np

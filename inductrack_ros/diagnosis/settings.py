@@ -19,5 +19,3 @@ REFIT_STEPS, LOOK_STEPS = 12, 5
 SHAKEN = 9.5
 #: Intervals of a force's table: for all laws, and for laws along the track and in time, which may change often.
 COARSE, MEDIUM, FINE = 8, 24, 120
-#: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
-LEFT_OUT = 4

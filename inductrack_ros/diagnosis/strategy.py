@@ -160,7 +160,7 @@ def _settled(problem: Problem, state: State) -> State:
     f = state.fit
     if f.converged:
         return state
-    new = fit(problem, f.structure, Point(f.theta, f.paths, f.power), REFIT_STEPS)
+    new = fit(problem, f.structure, f.point, REFIT_STEPS)
     return replace(state, fit=min(new, f, key=lambda x: x.deviance))
 
 
@@ -209,13 +209,3 @@ def rivals(problem: Problem, state: State, name: str) -> list[State]:
     tried = [_with_known(problem, smaller, s, screening.family) for s in near]
     close = [_settled(problem, t) if t.fit.deviance < state.fit.deviance + TWINS * 3 else t for t in tried]
     return sorted(close, key=lambda s: s.cost)
-
-
-def twins(problem: Problem, state: State) -> dict[str, tuple[str, ...]]:
-    """For each known effect added, what cannot be told from it."""
-    found = {}
-    for name in [n for n in state.added if not n.startswith("stand_in")]:
-        alike = [r.added[-1] for r in rivals(problem, state, name) if r.fit.deviance < state.fit.deviance + TWINS]
-        if alike:
-            found[name] = tuple(alike)
-    return found

@@ -19,8 +19,7 @@ from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATE
 from .kalman import Columns, Filtered, LinearRun, Smoothed, run_filter, run_smoother
 from .problem import STATE_PRIOR, Problem, RunData
 from .response import STATE_STEPS, VARIABLES, gap_geometry
-from .fit import UNDETERMINED
-from .structure import THETA_PRIOR, Structure
+from .structure import Structure
 
 #: Step of a parameter's difference, in typical sizes; of an effect's state, relative to it.
 THETA_STEP, CARRIED_STEP = 2e-3, 1e-6
@@ -96,17 +95,6 @@ class Fit:
     def point(self) -> Point:
         """Where it stands."""
         return Point(self.theta, self.paths, self.power)
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Free parameters that the data say nothing about."""
-        wide = np.sqrt(np.diag(self.covariance)) > UNDETERMINED * THETA_PRIOR
-        return tuple(n for n, w in zip(self.structure.free, wide, strict=True) if w)
-
-    @property
-    def shaken(self) -> np.ndarray:
-        """Power of the disturbances (4,), exactly 0 where the data want none."""
-        return np.where(self.power > NO_POWER, self.power, 0.0)
 
 
 @dataclass(frozen=True)
