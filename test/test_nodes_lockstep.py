@@ -104,7 +104,7 @@ def test_mode_gains_and_lead_change_while_the_controller_runs(ros):
     fired = ros.listen(PointStamped, "/inductrack/fired_pulses")
     sim = ros.start("sim", *SIM, *LOCKSTEP, "-p", "rate:=250.0")
     controller = ros.start("track_controller", *LOCKSTEP_CURRENT)
-    ros.wait(lambda: fired and twist[-1].twist.linear.x > 16.0, "9000 A to speed the cradle up")
+    ros.wait(lambda: fired and twist and twist[-1].twist.linear.x > 16.0, "9000 A to speed the cradle up")
     name = "/inductrack/track_controller"
     for parameter, value in (("target_speed", 15.5), ("gain", 6000.0), ("lead", 0.01), ("max_current", 12000.0), ("mode", "speed")):
         assert ros.set_parameter(name, parameter, value).successful
