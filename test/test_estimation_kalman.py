@@ -1,5 +1,7 @@
 """The linear filter and smoother against the same system written out as one dense Gaussian."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,8 @@ def run() -> LinearRun:
         spacing=rng.uniform(0.5, 1.0, NODES),
         start_root=np.diag(rng.uniform(1.0, 2.0, STATES)),
         start_mean=rng.standard_normal((STATES, 1 + PARAMETERS)),
+        kicks=rng.uniform(0.1, 0.3, (NODES, STATES)) * (np.arange(STATES) >= 6),
+        touching=np.zeros(NODES, bool),
     )
 
 
@@ -37,7 +41,7 @@ def dense(run: LinearRun, power: np.ndarray):
     """Covariance (m, m) of the readings, their means' columns (m, c), and of each node: mean (8, c) and covariance with the readings (8, m)."""
     means, roots = [run.start_mean], [np.hstack([run.start_root, np.zeros((8, 8 * (NODES - 1)))])]
     for k in range(NODES - 1):
-        values, vectors = np.linalg.eigh(white_acceleration(power, run.spacing[k]))
+        values, vectors = np.linalg.eigh(white_acceleration(power, run.spacing[k]) + np.diag(run.kicks[k]))
         root = run.transitions[k] @ roots[-1]
         root[:, 8 * (k + 1) : 8 * (k + 2)] += vectors * np.sqrt(np.maximum(values, 0.0))
         means.append(run.transitions[k] @ means[-1] + run.inputs[k])
@@ -81,3 +85,26 @@ def test_found_less_expected_is_the_slope_of_the_likelihood(run):
     h = 1e-5
     slopes = [(twice_log_likelihood(power + h * e) - twice_log_likelihood(power - h * e)) / (2 * h) for e in np.eye(4)]
     assert smoothed.found - smoothed.expected == pytest.approx(slopes, rel=1e-5)
+
+
+def test_the_slopes_by_kicks_starts_and_readings(run):
+    power, theta, h = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.3, -0.2]), 1e-5
+    weights = np.array([1.0, *theta])
+
+    def twice_log_likelihood(changed: LinearRun) -> float:
+        covariance, left, _, _ = dense(changed, power)
+        r = left @ weights
+        return -np.linalg.slogdet(covariance)[1] - r @ np.linalg.solve(covariance, r)
+
+    def larger_state(a: int, by: float) -> LinearRun:
+        factor = np.where(np.arange(STATES) == a, by, 1.0)
+        return replace(run, kicks=run.kicks * factor, start_root=run.start_root * np.sqrt(factor)[:, None])
+
+    def larger_reading(j: int, by: float) -> LinearRun:
+        return replace(run, variance=run.variance * np.where(np.arange(len(run.variance)) == j, by, 1.0))
+
+    smoothed = run_smoother(run, run_filter(run, power), theta)
+    for larger, told in ((larger_state, smoothed.of_states), (larger_reading, smoothed.of_readings)):
+        for k in range(told.shape[1]):
+            slope = (twice_log_likelihood(larger(k, 1 + h)) - twice_log_likelihood(larger(k, 1 - h))) / (2 * h)
+            assert told[0, k] - told[1, k] == pytest.approx(slope, rel=1e-5, abs=1e-7)

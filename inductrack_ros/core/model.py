@@ -283,6 +283,12 @@ class Model:
         """Whether any effect that is on has states of its own."""
         return any(self.known_effects[e].states for e in self.kernel.effects if e in self.effects)
 
+    @cached_property
+    def active_states(self) -> np.ndarray:
+        """Indices of the eight states and of those of the effects that are on: the others stay where they are."""
+        carried = [k for k, name in enumerate(self.kernel.states) if name.partition(".")[0] in self.effects]
+        return np.array([*range(8), *(k for k in carried if k >= 8)])
+
     def with_effect_states(
         self,
         x: np.ndarray,

@@ -15,8 +15,9 @@ from ..core.state import COORDINATES, MOVING
 from ..estimation import columns
 from ..estimation.kalman import Columns, LinearRun, run_filter
 from ..estimation.problem import Problem
-from ..estimation.scores import Scores, scores, widened
-from ..estimation.shooting import NO_POWER, Fit, acting, force_columns, histories, linearise_all
+from ..estimation.processes import augmented
+from ..estimation.scores import Background, Scores, scores, widened
+from ..estimation.shooting import NO_POWER, Fit, acting, force_columns, histories
 from ..estimation.structure import Structure
 from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, LEVEL, MEDIUM
 from .smooth import Smooth, smoothest_of
@@ -44,12 +45,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class CandidateSet:
-    """Candidates taken together: the deviance they promise, and that with what chance would reach."""
+    """Candidates taken together: the deviance they promise, that with what chance would reach, and the background that suits them."""
 
     members: tuple[Candidate, ...]
     deviance: float
     cost: float
     sizes: Mapping[str, np.ndarray]
+    background: Background
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,8 @@ def names(problem: Problem, structure: Structure) -> list[str]:
     return [n for n in found if n not in structure.effects]
 
 
-def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun] | None = None, wavy: bool = True) -> Screening:
-    """Every candidate and every small set of them at a fit; ``wavy``: waves of the track too."""
-    systems = systems or linearise_all(problem, fit)
+def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background], wavy: bool = True) -> Screening:
+    """Every candidate and every small set of them at a fit, beside each of the backgrounds; ``wavy``: waves of the track too."""
     wanted = [n for n in names(problem, fit.structure) if n != WAVES]
     known = fit.model.known_effects
     parameters = {n: known[n.partition(":")[0]].parameters for n in wanted}
@@ -88,7 +89,7 @@ def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun] | None = Non
     if wavy and WAVES in names(problem, fit.structure):
         for candidate, part in _waves(problem, fit, systems):
             candidates[candidate.label], parts[candidate.label] = candidate, part
-    found = scores(problem, fit, parts, systems)
+    found = scores(problem, fit, parts, systems, backgrounds)
     return Screening(candidates, found, _sets(candidates, found))
 
 
@@ -101,7 +102,7 @@ def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[Candidate
         e = found.expected(labels)
         edges = np.cumsum([0] + [len(found.places[n]) for n in labels])
         sizes = {n: e.size[a:b] for n, a, b in zip(labels, edges[:-1], edges[1:], strict=True)}
-        return CandidateSet(members, e.deviance, e.deviance + sum(m.price(family) for m in members), sizes)
+        return CandidateSet(members, e.deviance, e.deviance + sum(m.price(family) for m in members), sizes, e.background)
 
     sets = sorted((of([n]) for n in candidates), key=lambda s: s.cost)
     for size, limit in zip(range(2, LARGEST_SET + 1), (IN_PAIRS, IN_TRIPLES), strict=True):
@@ -129,7 +130,7 @@ def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tup
         phase = 2 * np.pi * np.outer(fit.paths[i][:, 0], some)
         height = np.stack([np.sin(phase), np.cos(phase)], axis=2).reshape(len(phase), -1)
         forces = stiffness[i][:, :, None] * height[:, None, :]
-        return force_columns(problem.runs[i], problem.sigma, fit.model, fit.paths[i].shape[1], forces)
+        return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
     tried = []
     for some in np.array_split(numbers, max(1, len(numbers) // 60)):
@@ -169,7 +170,7 @@ def _blocks(problem: Problem, fit: Fit, systems: Sequence[LinearRun], parts: Seq
     prior, pull = fit.structure.precision, fit.structure.precision @ (fit.structure.centre - fit.theta)
 
     def one(i: int):
-        f = run_filter(widened(systems[i], [parts[i]]), power)
+        f = run_filter(augmented(problem, fit.structure, i, widened(systems[i], [parts[i]]), fit.processes), power)
         w = f.whitened
         nuisance, more = w[:, : 1 + g], w[:, 1 + g :]
         own = [more[:, a:b].T @ more[:, a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
@@ -232,7 +233,7 @@ def laws(problem: Problem, fit: Fit, systems: Sequence[LinearRun], fine: Sequenc
         def parts(i: int, on=on, tables=tables) -> Columns:
             shapes = np.hstack([basis(runs[i][v], start, step, count) for v, start, step, count in tables])
             forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], on, shapes)
-            return force_columns(problem.runs[i], problem.sigma, fit.model, fit.paths[i].shape[1], forces)
+            return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
         every = problem.for_runs(parts)
         for power in _levels(fit, on in fine):

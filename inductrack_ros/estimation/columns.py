@@ -28,7 +28,7 @@ def of_parameters(problem: Problem, fit: Fit, effects: Mapping[str, Mapping[str,
         high = wide.bounds[1]
         steps = np.where(theta + THETA_STEP <= high, THETA_STEP, -THETA_STEP)
         thetas = np.vstack([theta, theta + np.diag(steps)])
-        return _differences(problem, wide, i, fit.paths[i], thetas, steps)
+        return _differences(problem, wide, i, fit.paths[i], thetas, steps, fit.model.active_states)
 
     runs = problem.for_runs(one)
     found = {}
@@ -38,11 +38,13 @@ def of_parameters(problem: Problem, fit: Fit, effects: Mapping[str, Mapping[str,
     return found
 
 
-def _differences(problem: Problem, structure: Structure, i: int, path: np.ndarray, thetas: np.ndarray, steps: np.ndarray) -> Columns:
+def _differences(
+    problem: Problem, structure: Structure, i: int, path: np.ndarray, thetas: np.ndarray, steps: np.ndarray, active: np.ndarray
+) -> Columns:
     """Changes of a run's pieces and readings from the first row of thetas (1 + p, g) to each other one, over its step (p,)."""
     data = problem.runs[i]
     outputs, ends = pieces(problem, structure, i, thetas, np.zeros((len(thetas), path.shape[1])), path)
-    inputs = ((ends[:, 1:] - ends[:, :1]) / steps[:, None]).transpose(0, 2, 1)
+    inputs = ((ends[:, 1:] - ends[:, :1]) / steps[:, None]).transpose(0, 2, 1)[:, active]
     readings = read(problem, structure, i, outputs, thetas)
     change = (readings[1:] - readings[0]).T / steps / problem.sigma[data.channel][:, None]
     return Columns(np.nan_to_num(inputs), np.nan_to_num(change))
@@ -60,7 +62,7 @@ def of_switch(problem: Problem, fit: Fit, name: str) -> list[Columns]:
         before, ends = pieces(problem, here, i, none, still, path)
         moved = carried(problem, there, i, path) if states else path
         after, ends_after = pieces(problem, there, i, none, still, moved)
-        inputs = (ends_after[:, 0] - ends[:, 0])[:, :, None].copy()
+        inputs = (ends_after[:, 0] - ends[:, 0])[:, fit.model.active_states, None].copy()
         inputs[:, 8:] = 0.0
         change = read(problem, there, i, after, none)[0] - read(problem, here, i, before, none)[0]
         return Columns(np.nan_to_num(inputs), np.nan_to_num(change / problem.sigma[data.channel])[:, None])

@@ -27,7 +27,9 @@ class LinearRun:
 
     ``first`` (n + 1,): the measurements of node k are first[k]:first[k + 1]. ``sensitivity`` (m, N), ``data`` (m, c), ``variance`` (m,) in
     units of the stated noise; ``transitions`` (n, N, N) and ``inputs`` (n, N, c) lead to the next node (the last is not used); ``spacing``
-    (n,) s; ``start_root`` (N, N) a square root of the initial covariance, ``start_mean`` (N, c).
+    (n,) s; ``start_root`` (N, N) a square root of the initial covariance, ``start_mean`` (N, c); ``kicks`` (n, N) variances of white
+    disturbances of each state on the way to the next node, beside those of the accelerations; ``touching`` (n,) where the cradle is in
+    contact on that way.
     """
 
     first: np.ndarray
@@ -39,6 +41,8 @@ class LinearRun:
     spacing: np.ndarray
     start_root: np.ndarray
     start_mean: np.ndarray
+    kicks: np.ndarray
+    touching: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -80,13 +84,16 @@ class Smoothed:
     """Deviations (n, N) of the nodes and what the data say of the disturbances.
 
     ``adjoint`` (n, N) is the smoother's; the disturbance that leads to node k is Q_{k-1} times it. ``found`` and ``expected`` (4,) are
-    tr(∂Q/∂q λλᵀ) and its expectation: twice the log likelihood's derivative by a power q is found − expected.
+    tr(∂Q/∂q λλᵀ) and its expectation: twice the log likelihood's derivative by a power q is found − expected. The same by the
+    logarithm of a variance: of a state's kicks and start, ``of_states`` (2, N) (found, expected), and of a reading, ``of_readings`` (2, m).
     """
 
     deviations: np.ndarray
     adjoint: np.ndarray
     found: np.ndarray
     expected: np.ndarray
+    of_states: np.ndarray
+    of_readings: np.ndarray
 
 
 def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
@@ -97,7 +104,7 @@ def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
     roots, means = np.empty((n, n_states, n_states)), np.empty((n, n_states, columns))
     _filter(
         run.first, run.sensitivity, run.data, run.variance, run.transitions, run.inputs, run.spacing, run.start_root, run.start_mean,
-        np.asarray(power, float), innovations, variances, gains, roots, means,
+        run.kicks, np.asarray(power, float), innovations, variances, gains, roots, means,
     )  # fmt: skip
     return Filtered(innovations, variances, gains, roots, means)
 
@@ -107,11 +114,12 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
     weights = np.concatenate([[1.0], theta])
     deviations, adjoint = np.empty(filtered.roots.shape[:2]), np.empty(filtered.roots.shape[:2])
     found, expected = np.zeros(4), np.zeros(4)
+    of_states, of_readings = np.zeros((2, deviations.shape[1])), np.zeros((2, len(run.variance)))
     _smoother(
-        run.first, run.sensitivity, run.transitions, run.spacing, filtered.innovations @ weights, filtered.variances, filtered.gains,
-        filtered.roots, filtered.means @ weights, deviations, adjoint, found, expected,
+        run.first, run.sensitivity, run.variance, run.transitions, run.spacing, run.kicks, filtered.innovations @ weights,
+        filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights, deviations, adjoint, found, expected, of_states, of_readings,
     )  # fmt: skip
-    return Smoothed(deviations, adjoint, found, expected)
+    return Smoothed(deviations, adjoint, found, expected, of_states, of_readings)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -146,22 +154,26 @@ def _triangularised(a, rows, columns):
 
 
 @numba.njit(cache=True, nogil=True)
-def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean, power, innovations, variances, gains, roots, means):
+def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean, kicks, power, innovations, variances, gains, roots, means):
     n, N = transitions.shape[0], transitions.shape[1]
     columns = Y.shape[1]
     S, C = start_root.copy(), start_mean.copy()
-    f, wide = np.empty(N), np.zeros((N, N + 8))
-    moved = np.empty((N, columns))
     shaken = np.flatnonzero(power > 0.0)
+    kicked = np.flatnonzero(kicks.sum(axis=0) > 0.0)
+    end = N + 2 * shaken.size + kicked.size
+    f, wide = np.empty(N), np.zeros((N, end))
+    moved = np.empty((N, columns))
     for k in range(n):
         roots[k] = S
         means[k] = C
         for j in range(first[k], first[k + 1]):
             square = R[j]
+            f[:] = 0.0
+            for b in range(N):
+                if H[j, b] != 0.0:
+                    for a in range(N):
+                        f[a] += S[b, a] * H[j, b]
             for a in range(N):
-                f[a] = 0.0
-                for b in range(N):
-                    f[a] += S[b, a] * H[j, b]
                 square += f[a] * f[a]
             shrink = 1.0 / (1.0 + np.sqrt(R[j] / square))
             for a in range(N):
@@ -198,8 +210,8 @@ def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean
                     for c in range(columns):
                         moved[a, c] += F[a, i] * C[i, c]
         C[:] = moved
-        if shaken.size:
-            T, end = spacing[k], N + 2 * shaken.size
+        if end > N:
+            T = spacing[k]
             for a in range(N):
                 for b in range(N, end):
                     wide[a, b] = 0.0
@@ -208,6 +220,8 @@ def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean
                 wide[c, N + 2 * i] = r * np.sqrt(T * T * T / 3.0)
                 wide[4 + c, N + 2 * i] = r * np.sqrt(0.75 * T)
                 wide[4 + c, N + 2 * i + 1] = r * 0.5 * np.sqrt(T)
+            for i, a in enumerate(kicked):
+                wide[a, N + 2 * shaken.size + i] = np.sqrt(kicks[k, a])
             _triangularised(wide, N, end)
         for a in range(N):
             for b in range(N):
@@ -215,7 +229,9 @@ def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean
 
 
 @numba.njit(cache=True, nogil=True)
-def _smoother(first, H, transitions, spacing, nu, variances, gains, roots, mean, deviations, adjoint, found, expected):
+def _smoother(
+    first, H, R, transitions, spacing, kicks, nu, variances, gains, roots, mean, deviations, adjoint, found, expected, of_states, of_readings
+):
     n, N = transitions.shape[0], transitions.shape[1]
     lam, before = np.zeros(N), np.zeros(N)
     info, half = np.zeros((N, N)), np.zeros((N, N))
@@ -226,6 +242,9 @@ def _smoother(first, H, transitions, spacing, nu, variances, gains, roots, mean,
                 a, b, d = T * T * T / 3.0, T * T, T
                 found[c] += a * lam[c] * lam[c] + b * lam[c] * lam[4 + c] + d * lam[4 + c] * lam[4 + c]
                 expected[c] += a * info[c, c] + b * info[c, 4 + c] + d * info[4 + c, 4 + c]
+            for a in range(N):
+                of_states[0, a] += kicks[k, a] * lam[a] * lam[a]
+                of_states[1, a] += kicks[k, a] * info[a, a]
             for a in range(N):
                 before[a] = 0.0
                 for i in range(N):
@@ -256,9 +275,13 @@ def _smoother(first, H, transitions, spacing, nu, variances, gains, roots, mean,
                     total += info[a, i] * gains[j, i]
                 before[a] = total
                 curved += total * gains[j, a]
+            of_readings[0, j], of_readings[1, j] = R[j] * along * along, R[j] * curved
             for a in range(N):
-                for b in range(N):
-                    info[a, b] += H[j, a] * H[j, b] * curved - H[j, a] * before[b] - before[a] * H[j, b]
+                if H[j, a] != 0.0:
+                    for b in range(N):
+                        info[a, b] -= H[j, a] * before[b]
+                        info[b, a] -= H[j, a] * before[b]
+                        info[a, b] += H[j, a] * H[j, b] * curved
         for a in range(N):
             adjoint[k, a] = lam[a]
         for a in range(N):
@@ -271,3 +294,6 @@ def _smoother(first, H, transitions, spacing, nu, variances, gains, roots, mean,
             for b in range(N):
                 total += roots[k, a, b] * before[b]
             deviations[k, a] = total
+    for a in range(N):
+        of_states[0, a] += roots[0, a, a] ** 2 * lam[a] * lam[a]
+        of_states[1, a] += roots[0, a, a] ** 2 * info[a, a]

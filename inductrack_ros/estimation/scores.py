@@ -15,7 +15,8 @@ import numpy as np
 
 from .kalman import Columns, LinearRun, run_filter
 from .problem import Problem
-from .shooting import NO_POWER, Fit, linearise_all
+from .processes import Process, augmented
+from .shooting import NO_POWER, Fit
 
 #: Shares of the fitted power at which scores are taken; 0 is the deterministic plant.
 SHARES = (1.0, 1e-1, 1e-2, 1e-4, 0.0)
@@ -26,23 +27,35 @@ SEEN = 1e-9
 
 
 @dataclass(frozen=True)
-class Level:
-    """The normal equations at one power (4,): ``gram`` (1 + g + c, 1 + g + c) of residual, nuisance and columns, whitened, and the
-    innovations' log determinant."""
+class Background:
+    """A power (4,) of the disturbances and processes beside it, and what the processes cost by chance."""
 
     power: np.ndarray
+    processes: tuple[Process, ...]
+    price: float = 0.0
+
+
+@dataclass(frozen=True)
+class Level:
+    """The normal equations at one power (4,) beside some processes: ``gram`` (1 + g + c, 1 + g + c) of residual, nuisance and columns,
+    whitened, and the innovations' log determinant."""
+
+    power: np.ndarray
+    background: Background
     gram: np.ndarray
     log_determinant: float
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What some columns promise: the deviance with them, their coefficients (c,) and covariance (c, c), and the power (4,) that suits them."""
+    """What some columns promise: the deviance with them (and the price of the processes), their coefficients (c,) and covariance (c, c),
+    the power (4,) that suits them, and the background."""
 
     deviance: float
     size: np.ndarray
     covariance: np.ndarray
     power: np.ndarray
+    background: Background
 
 
 @dataclass(frozen=True)
@@ -78,24 +91,27 @@ class Scores:
         inverse = np.where(values > SEEN * len(values), 1.0 / np.maximum(values, 1e-300), 0.0)
         size = vectors @ (inverse * (vectors.T @ (b / unit))) / unit
         covariance = (vectors * inverse) @ vectors.T / np.outer(unit, unit)
-        deviance = float(level.gram[0, 0] - b @ size) + level.log_determinant
-        return Expected(deviance, size[g:], covariance[g:, g:], level.power)
+        deviance = float(level.gram[0, 0] - b @ size) + level.log_determinant + level.background.price
+        return Expected(deviance, size[g:], covariance[g:, g:], level.power, level.background)
 
 
-def scores(problem: Problem, fit: Fit, named: Mapping[str, Sequence[Columns]], systems: Sequence[LinearRun] | None = None) -> Scores:
-    """The scores of named columns, each given for every run, at a fit."""
-    systems = systems or linearise_all(problem, fit)
+def scores(
+    problem: Problem, fit: Fit, named: Mapping[str, Sequence[Columns]], systems: Sequence[LinearRun], backgrounds: Sequence[Background] = ()
+) -> Scores:
+    """The scores of named columns, each given for every run, at a fit; beside each of the backgrounds, the fit's own unless given."""
     places, end = {}, 0
     for name, parts in named.items():
         width = parts[0].data.shape[1]
         places[name], end = np.arange(end, end + width), end + width
     wide = [widened(system, [parts[i] for parts in named.values()]) for i, system in enumerate(systems)]
-    powers = [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in SHARES]
-    distinct = [p for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
-    levels = tuple(_level(problem, wide, power) for power in distinct)
-    structure = fit.structure
+    structure, levels = fit.structure, []
+    for background in backgrounds or (Background(fit.power, fit.processes),):
+        full = problem.for_runs(lambda i, b=background: augmented(problem, structure, i, wide[i], b.processes))
+        powers = [np.where(share * background.power > NO_POWER, share * background.power, 0.0) for share in SHARES]
+        distinct = [p for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
+        levels += [_level(problem, full, power, background) for power in distinct]
     pull = structure.precision @ (structure.centre - fit.theta)
-    return Scores(len(fit.theta), structure.precision, pull, places, levels)
+    return Scores(len(fit.theta), structure.precision, pull, places, tuple(levels))
 
 
 def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
@@ -109,11 +125,11 @@ def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
     )
 
 
-def _level(problem: Problem, systems: Sequence[LinearRun], power: np.ndarray) -> Level:
+def _level(problem: Problem, systems: Sequence[LinearRun], power: np.ndarray, background: Background) -> Level:
     def one(i: int) -> tuple[np.ndarray, float]:
         f = run_filter(systems[i], power)
         w = f.whitened
         return w.T @ w, f.log_determinant
 
     found = problem.for_runs(one)
-    return Level(power, sum(g for g, _ in found), sum(d for _, d in found))
+    return Level(power, background, sum(g for g, _ in found), sum(d for _, d in found))

@@ -17,6 +17,7 @@ from ..core.effects.stand_in import basis
 from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
 from .kalman import Columns, Filtered, LinearRun, Smoothed, run_filter, run_smoother
+from .processes import Process, augmented, offsets, resized, told, variances
 from .problem import STATE_PRIOR, Problem, RunData
 from .response import STATE_STEPS, VARIABLES, gap_geometry
 from .structure import Structure
@@ -35,6 +36,8 @@ ANEW = 1e-4
 FALL, STEPS = 1e-3, 25
 #: Length of a step of the power's logarithm over its ratio's where that is ``FAR_ABOVE`` (below this), and at the most.
 REACH, LONGEST_REACH, FAR_ABOVE = 3.0, 8.0, -0.7
+#: A gap (m) below which a node counts as touching: ten times what a resting cradle sinks in.
+NEARLY_TOUCHING = 3e-4
 #: A step that a run fares worse for is halved for that run, so often at the most.
 HALVINGS = 6
 #: Updates of the power at each linearisation; one that falls below this part of itself is still on its way.
@@ -47,11 +50,14 @@ IDLE = 2
 
 @dataclass(frozen=True)
 class Point:
-    """Where a fit stands: theta (g,), each run's trajectory (n, N) and the disturbances' power (4,)."""
+    """Where a fit stands: theta (g,), each run's trajectory (n, N), the disturbances' power (4,), the processes beside
+    them, and where each run touches the track (n,), once that is settled."""
 
     theta: np.ndarray
     paths: tuple[np.ndarray, ...]
     power: np.ndarray
+    processes: tuple[Process, ...] = ()
+    touching: tuple[np.ndarray, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,8 @@ class Fit:
     chi2: float
     covariance: np.ndarray
     converged: bool
+    processes: tuple[Process, ...] = ()
+    touching: tuple[np.ndarray, ...] | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -94,7 +102,7 @@ class Fit:
     @property
     def point(self) -> Point:
         """Where it stands."""
-        return Point(self.theta, self.paths, self.power)
+        return Point(self.theta, self.paths, self.power, self.processes, self.touching)
 
 
 @dataclass(frozen=True)
@@ -113,37 +121,45 @@ class Evidence:
 
 
 def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> LinearRun:
-    """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it."""
+    """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it. Its states are the active ones."""
     data, model = problem.runs[i], structure.model
-    n, n_states, g = *path.shape, len(theta)
+    active = model.active_states
+    n, A, g = len(path), len(active), len(theta)
     steps = np.where(theta + THETA_STEP <= structure.bounds[1], THETA_STEP, -THETA_STEP)
     single, of_sensors, _ = _kinds(structure)
-    thetas = np.vstack([np.tile(theta, (1 + n_states, 1)), theta + np.diag(steps)[single]])
-    by_state = np.concatenate([STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, 8:]).max(axis=0, initial=0.0))])
-    offsets = np.zeros((len(thetas), n_states))
-    offsets[1 : 1 + n_states] = np.diag(by_state)
+    thetas = np.vstack([np.tile(theta, (1 + A, 1)), theta + np.diag(steps)[single]])
+    by_state = np.concatenate([STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, active[8:]]).max(axis=0, initial=0.0))])
+    offsets = np.zeros((len(thetas), path.shape[1]))
+    offsets[1 + np.arange(A), active] = by_state
     outputs, ends = pieces(problem, structure, i, thetas, offsets, path)
-    readings = read(problem, structure, i, outputs, thetas)
+    readings, ends = read(problem, structure, i, outputs, thetas), ends[:, :, active]
     weight = 1.0 / problem.sigma[data.channel]
-    y, inputs = np.zeros((len(data.y), 1 + g)), np.zeros((n, n_states, 1 + g))
-    y[:, 0], inputs[:-1, :, 0] = (data.y - readings[0]) * weight, ends[:-1, 0] - path[1:]
+    y, inputs = np.zeros((len(data.y), 1 + g)), np.zeros((n, A, 1 + g))
+    y[:, 0], inputs[:-1, :, 0] = (data.y - readings[0]) * weight, ends[:-1, 0] - path[1:, active]
     places = [1 + k for k in single]
-    y[:, places] = -((readings[1 + n_states :] - readings[0]) * weight).T / steps[single]
-    inputs[:, :, places] = ((ends[:, 1 + n_states :] - ends[:, :1]) / steps[single][:, None]).transpose(0, 2, 1)
+    y[:, places] = -((readings[1 + A :] - readings[0]) * weight).T / steps[single]
+    inputs[:, :, places] = ((ends[:, 1 + A :] - ends[:, :1]) / steps[single][:, None]).transpose(0, 2, 1)
     for k in of_sensors:
         moved = theta + steps * (np.arange(g) == k)
         y[:, 1 + k] = -(read(problem, structure, i, outputs[:, :1], moved[None])[0] - readings[0]) * weight / steps[k]
     for effect, mine in structure.tables.items():
-        table = force_columns(data, problem.sigma, model, n_states, _table_forces(problem, structure, i, theta, path, effect))
+        table = force_columns(data, problem.sigma, model, _table_forces(problem, structure, i, theta, path, effect))
         y[:, [1 + k for k in mine]], inputs[:, :, [1 + k for k in mine]] = -table.data, table.inputs
-    sensitivity = ((readings[1 : 1 + n_states] - readings[0]) * weight).T / by_state
+    sensitivity = ((readings[1 : 1 + A] - readings[0]) * weight).T / by_state
     known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(axis=1)  # a late sensor's first readings are of before the run
     sensitivity[~known], y[~known] = 0.0, 0.0
     root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
     return LinearRun(
         np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, problem.variance(i),
-        (ends[:, 1 : 1 + n_states] - ends[:, :1]).transpose(0, 2, 1) / by_state, inputs, np.append(np.diff(data.grid), 0.0), root, mean,
+        (ends[:, 1 : 1 + A] - ends[:, :1]).transpose(0, 2, 1) / by_state, inputs, np.append(np.diff(data.grid), 0.0), root, mean, np.zeros((n, A)),
+        _touching(outputs[:, 0]),
     )  # fmt: skip
+
+
+def _touching(outputs: np.ndarray) -> np.ndarray:
+    """Whether the cradle touches the track at a node or the next (n,), from the nodes' outputs (n, 15)."""
+    near = np.nan_to_num(outputs[:, [INDEX[g] for g in GAPS]]).min(axis=1) < NEARLY_TOUCHING
+    return near | np.append(near[1:], False)
 
 
 def _kinds(structure: Structure) -> tuple[list[int], list[int], list[int]]:
@@ -189,11 +205,11 @@ def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
     return {v: np.ascontiguousarray(found[v]) for v in VARIABLES}
 
 
-def force_columns(data: RunData, sigma: np.ndarray, model: Model, n_states: int, forces: np.ndarray) -> Columns:
+def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.ndarray) -> Columns:
     """What force histories (n, 4, l) (N, N·m by coordinate) would do to a run: a trapezoid between nodes."""
     inertia = np.array([model.parameters["mass"]] * 3 + [model.parameters["roll_inertia"]])
     a = forces * (model.moving / inertia)[:, None]
-    inputs = np.zeros((len(a), n_states, a.shape[2]))
+    inputs = np.zeros((len(a), len(model.active_states), a.shape[2]))
     T = np.diff(data.grid)[:, None, None]
     inputs[:-1, :4] = T**2 / 6.0 * (2.0 * a[:-1] + a[1:])
     inputs[:-1, 4:8] = 0.5 * T * (a[:-1] + a[1:])
@@ -224,10 +240,10 @@ def read(problem: Problem, structure: Structure, i: int, outputs: np.ndarray, th
 
 
 def _start(problem: Problem, structure: Structure, i: int, theta: np.ndarray, x: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """A square root (N, N) of the initial state's covariance and the mean (N, c) of its deviation from x."""
+    """A square root (A, A) of the initial state's covariance and the mean (A, c) of its deviation from x, over the active states."""
     data, model = problem.runs[i], structure.model
-    n_states = len(x)
-    root, mean = np.zeros((n_states, n_states)), np.zeros((n_states, columns))
+    active = model.active_states
+    root, mean = np.zeros((len(x), len(x))), np.zeros((len(x), columns))
     free = data.free_states
     root[free, free] = STATE_PRIOR[free]
     mean[:8, 0] = data.guess - x[:8]
@@ -241,7 +257,7 @@ def _start(problem: Problem, structure: Structure, i: int, theta: np.ndarray, x:
             root[8:, s] = slope * STATE_PRIOR[s]
             mean[8:, 0] += slope * mean[s, 0]
         mean[8:, 0] += begun[8:] - x[8:]
-    return root, mean
+    return root[np.ix_(active, active)], mean[active]
 
 
 # ---------------------------------------------------------------- a start from the data
@@ -302,7 +318,8 @@ def _kinematic(problem: Problem, model, data: RunData) -> LinearRun:
     root = np.zeros((8, 8))
     root[data.free_states, data.free_states] = STATE_PRIOR[data.free_states]
     return LinearRun(
-        np.searchsorted(data.row[used], np.arange(n + 1)), H / sigma[:, None], y[:, None], np.ones(len(y)), F, inputs, spacing, root, np.zeros((8, 1))
+        np.searchsorted(data.row[used], np.arange(n + 1)), H / sigma[:, None], y[:, None], np.ones(len(y)), F, inputs, spacing, root, np.zeros((8, 1)), np.zeros((n, 8)),
+        np.zeros(n, bool),
     )
 
 
@@ -353,63 +370,110 @@ def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structu
     return step, free
 
 
-def smoothed(problem: Problem, systems: Sequence[LinearRun], evidence: Evidence) -> list[Smoothed]:
-    """Every run's smoothed deviations at the best step of theta."""
-    return problem.for_runs(lambda i: run_smoother(systems[i], evidence.filtered[i], evidence.step))
+@dataclass(frozen=True)
+class Settled:
+    """Linear runs with the disturbances that suit them: their power (4,) and processes, what the data say there, and where they lead."""
+
+    power: np.ndarray
+    processes: tuple[Process, ...]
+    systems: tuple[LinearRun, ...]
+    evidence: Evidence
+    smooth: tuple[Smoothed, ...]
+    next_power: np.ndarray
+    next_processes: tuple[Process, ...]
 
 
-def cost(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, power: np.ndarray) -> float:
-    """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and its start, squared."""
+def settle(
+    problem: Problem, structure: Structure, plain: Sequence[LinearRun], point: Point, passes: int, follow: bool = False
+) -> Settled:
+    """The disturbances' power and the processes' sizes that make linear runs about a point most likely.
+
+    A fixed-point iteration of all variances in their logarithm (MacKay 1992), its steps lengthened as the last two tell (secant).
+    With ``follow`` it ends where a variance is so far from its place that the trajectories have to follow first.
+    """
+    power, processes, before, last = np.maximum(point.power, NO_POWER), point.processes, None, np.inf
+    n_states = plain[0].transitions.shape[1]
+    for left in reversed(range(passes)):
+        systems = tuple(problem.for_runs(lambda i, p=processes: augmented(problem, structure, i, plain[i], p)))
+        evidence = weigh(problem, structure, systems, point.theta, power)
+        smooth = tuple(problem.for_runs(lambda i, s=systems, e=evidence: run_smoother(s[i], e.filtered[i], e.step)))
+        here = np.concatenate([power, variances(processes)])
+        ratio = variance_ratio(problem, processes, smooth, n_states)
+        there = likelier(here, ratio, before)
+        new = np.clip(there[:4], NO_POWER, ROUGHEST), resized(processes, there[4:])
+        if not left or last - evidence.deviance < TOLERANCE or follow and (there < RESTING * here).any():
+            break
+        power, processes, before, last = *new, (here, ratio), evidence.deviance
+    return Settled(power, processes, systems, evidence, smooth, *new)
+
+
+def variance_ratio(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int) -> np.ndarray:
+    """Log of what the data show of each disturbance and process over what its variance would make them show, (4 + p,); 0 at the likeliest."""
+    found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
+    of_processes = told(problem, processes, smooth, n_states)
+    found, expected = np.concatenate([found, of_processes[0]]), np.concatenate([expected, of_processes[1]])
+    return np.clip(np.log(np.maximum(found, 1e-300)) - np.log(np.maximum(expected, 1e-300)), -50.0, 50.0)
+
+
+def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """Variances nearer to the likeliest from their `variance_ratio`, and that ``before`` at others, where there was one."""
+    reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
+    if before is not None:
+        moved, change = np.log(values / before[0]), before[1] - ratio
+        with np.errstate(divide="ignore", invalid="ignore"):
+            secant = moved / change
+        reach = np.where(np.isfinite(secant) & (secant > 0), np.clip(secant, 1.0, LONGEST_REACH), reach)
+    return values * np.exp(np.clip(reach * ratio, np.log(FALL), -np.log(FALL)))
+
+
+def cost(
+    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, power: np.ndarray, system: LinearRun,
+    beside: tuple[np.ndarray, np.ndarray],
+) -> float:  # fmt: skip
+    """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and its start, squared.
+
+    The ``system`` has the readings' variances and the kicks; ``beside`` is what processes add to them (m,) and to the way to the next node (n, N).
+    """
     data = problem.runs[i]
     outputs, ends = pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
     if not np.isfinite(ends).all():
         return np.inf
-    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel]
-    total = float(np.nansum(left**2 / problem.variance(i)))
-    T, defect = np.diff(data.grid), path[1:, :8] - ends[:-1, 0, :8]
+    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel] - beside[0]
+    total = float(np.nansum(left**2 / system.variance))
+    T, defect = np.diff(data.grid), path[1:, :8] - ends[:-1, 0, :8] - beside[1][:-1, :8]
     for c in np.flatnonzero(problem.model.moving):
         place, rate = defect[:, c], defect[:, 4 + c]
-        total += float(np.sum((place**2 / T**2 - place * rate / T + rate**2 / 3.0) * 12.0 / T) / max(power[c], NO_POWER))
+        q, kicks = max(power[c], NO_POWER), system.kicks[:-1, 4 + c]
+        a, b, d = q * T**3 / 3.0, q * T**2 / 2.0, q * T + kicks
+        total += float(np.sum((d * place**2 - 2.0 * b * place * rate + a * rate**2) / (a * d - b**2)))
     free = data.free_states
     return total + float(np.sum(((path[0, free] - data.guess[free]) / STATE_PRIOR[free]) ** 2))
 
 
-def power_ratio(smooth: Sequence[Smoothed]) -> np.ndarray:
-    """Log of what the data show of each disturbance over what its power would make them show, (4,); 0 where the power is the likeliest."""
-    found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
-    return np.clip(np.log(np.maximum(found, 1e-300)) - np.log(np.maximum(expected, 1e-300)), -50.0, 50.0)
-
-
-def likelier_power(power: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """A power (4,) nearer to the likeliest from its `power_ratio`, and that ``before`` at another power, where there was one.
-
-    A fixed-point iteration in the logarithm (MacKay 1992) whose steps are lengthened as the last two ratios tell (secant).
-    """
-    reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
-    if before is not None:
-        moved, change = np.log(power / before[0]), before[1] - ratio
-        with np.errstate(divide="ignore", invalid="ignore"):
-            told = moved / change
-        reach = np.where(np.isfinite(told) & (told > 0), np.clip(told, 1.0, LONGEST_REACH), reach)
-    change = np.clip(reach * ratio, np.log(FALL), -np.log(FALL))
-    return np.clip(power * np.exp(change), NO_POWER, ROUGHEST)
-
-
 def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | None = None) -> list[LinearRun]:
-    """Every run about a fit's trajectories."""
+    """Every run about a fit's trajectories, without the processes' states."""
     structure = structure or fit.structure
-    return problem.for_runs(lambda i: linearise(problem, structure, i, fit.theta, fit.paths[i]))
+    systems = problem.for_runs(lambda i: linearise(problem, structure, i, fit.theta, fit.paths[i]))
+    if fit.touching is None:
+        return systems
+    return [replace(system, touching=touching) for system, touching in zip(systems, fit.touching, strict=True)]
 
 
-def fit(problem: Problem, structure: Structure, point: Point | None = None, steps: int = STEPS) -> Fit:
-    """Fit theta, every run's trajectory and the power of the disturbances, from the data or from a ``point`` nearby.
+def fit(problem: Problem, structure: Structure, point: Point | None = None, steps: int = STEPS, processes: Sequence[Process] = ()) -> Fit:
+    """Fit theta, every run's trajectory, the power of the disturbances and the processes' sizes, from the data or from a ``point`` nearby.
 
     Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Each step is shortened
-    for a run that would fare worse for it.
+    for a run that would fare worse for it. From the data it is done twice: where the runs touch the track the first time tells.
     """
-    if point is None:
-        paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
-        point = Point(np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving)
+    if point is not None:
+        return _descended(problem, structure, point, steps)
+    paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
+    point = Point(np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes))
+    first = _descended(problem, structure, point, steps)
+    return _descended(problem, structure, replace(first.point, touching=tuple(s.touching for s in linearise_all(problem, first))), steps)
+
+
+def _descended(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
     best, idle = None, 0
     for _ in range(steps):
         evidence, now, new = _step(problem, structure, point)
@@ -420,33 +484,32 @@ def fit(problem: Problem, structure: Structure, point: Point | None = None, step
             break
         point = new
     evidence, now = best
-    return Fit(structure, now.theta, now.paths, now.power, evidence.deviance, evidence.chi2, evidence.covariance, idle == IDLE)
+    return Fit(
+        structure, now.theta, now.paths, now.power, evidence.deviance, evidence.chi2, evidence.covariance, idle == IDLE, now.processes, now.touching
+    )
 
 
 def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Evidence, Point, Point]:
-    """The evidence at a point, that point with its likeliest power, and the point a Gauss–Newton step further."""
-    systems = linearise_all(problem, point, structure)
-    power, before = np.maximum(point.power, NO_POWER), None
-    for left in reversed(range(POWER_STEPS)):
-        evidence = weigh(problem, structure, systems, point.theta, power)
-        smooth = smoothed(problem, systems, evidence)
-        ratio = power_ratio(smooth)
-        likelier = likelier_power(power, ratio, before)
-        if not left or (likelier < RESTING * power).any():  # so far away the trajectories have to follow first
-            break
-        power, before = likelier, (power, ratio)
-    theta = point.theta + evidence.step
-    aim = problem.for_runs(lambda i: cost(problem, structure, i, point.theta, point.paths[i], power))
+    """The evidence at a point, that point with its likeliest disturbances, and the point a Gauss–Newton step further."""
+    plain = linearise_all(problem, point, structure)
+    settled = settle(problem, structure, plain, point, POWER_STEPS, follow=True)
+    theta, active = point.theta + settled.evidence.step, structure.model.active_states
+    A = len(active)
 
     def path(i: int) -> np.ndarray:
-        best = cost(problem, structure, i, theta, point.paths[i], power), point.paths[i]
+        moved = settled.smooth[i].deviations
+        beside = offsets(plain[i], settled.systems[i], moved)
+        rest = settled.power, settled.systems[i], beside
+        aim = cost(problem, structure, i, point.theta, point.paths[i], *rest)
+        best = cost(problem, structure, i, theta, point.paths[i], *rest), point.paths[i]
         for share in 0.5 ** np.arange(HALVINGS):
-            tried = point.paths[i] + share * smooth[i].deviations
-            if (found := cost(problem, structure, i, theta, tried, power)) < best[0]:
+            tried = point.paths[i].copy()
+            tried[:, active] += share * moved[:, :A]
+            if (found := cost(problem, structure, i, theta, tried, *rest)) < best[0]:
                 best = found, tried
-            if found <= aim[i]:
+            if found <= aim:
                 break
         return best[1]
 
-    paths = tuple(problem.for_runs(path))
-    return evidence, replace(point, power=power), Point(theta, paths, likelier)
+    now = replace(point, power=settled.power, processes=settled.processes)
+    return settled.evidence, now, Point(theta, tuple(problem.for_runs(path)), settled.next_power, settled.next_processes, point.touching)

@@ -1,0 +1,159 @@
+"""What the log and the rig do besides: processes that are tried, kept where they pay, and told as findings.
+
+A process stands beside the physics and competes with it: it stays only while the deviance without it, whatever physics was added
+since, is higher than chance would make it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from ..checks import Finding
+from ..estimation.kalman import LinearRun
+from ..estimation.problem import Problem
+from ..estimation.processes import COLOURED, FREEDOM, HUM, IMPACT, JITTER, RUN_TO_RUN, WHITE, Process
+from ..estimation.scores import Background
+from ..estimation.shooting import Fit, Point, Settled, fit, linearise_all, settle
+from .settings import LEVEL, REFIT_STEPS
+
+#: Passes of the search for the sizes of processes at one linearisation.
+PASSES = 10
+#: Shares of the fitted power from which they start: what a process takes over, the plant no longer does.
+STARTS = (1.0, 1e-3)
+#: Fewer runs say nothing of what differs from run to run.
+FEWEST_RUNS = 3
+#: Steps of a time in its logarithm, of a frequency in turns over a run, when it is looked for.
+TIME_STEP, TURN_STEP, LONGEST_STEP = 0.3, 0.1, 1.0
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Processes settled at a linearisation, and the deviance with what they cost by chance."""
+
+    settled: Settled
+    cost: float
+
+
+def processes_at_first(problem: Problem, given: Sequence[str]) -> tuple[Process, ...]:
+    """Those of every fit: contact is never exact, and noise that is not ``given`` has to be found."""
+    touch = (Process(IMPACT, size=0.1),) if problem.model.parameters["contact_stiffness"] else ()
+    return touch + tuple(Process(WHITE, c) for c in problem.channels if c not in given)
+
+
+def price(problem: Problem, given: Sequence[str], processes: Sequence[Process]) -> float:
+    """Fall of the deviance that chance reaches with these processes in `LEVEL` of campaigns, all that are tried counted."""
+    family = len(problem.channels) * (FREEDOM[COLOURED] + FREEDOM[HUM] + FREEDOM[WHITE]) + 3
+    paid = [p for p in processes if p.kind != IMPACT and not (p.kind == WHITE and p.on not in given)]
+    return sum(float(stats.chi2.isf(LEVEL / family, FREEDOM[p.kind])) for p in paid)
+
+
+def improved(problem: Problem, f: Fit, given: Sequence[str], hints: Sequence[Finding], tell: Callable[[str], None]) -> Fit:
+    """A fit with all processes that pay, and without those that do not."""
+    while True:
+        plain = linearise_all(problem, f)
+        here = f.deviance + price(problem, given, f.processes)
+        tried = [_tried(problem, f, plain, given, (*f.processes, *more)) for more in families(problem, f, hints)]
+        best = min(tried, key=lambda t: t.cost, default=None)
+        if best is None or best.cost > here:
+            return f
+        best = _lean(problem, f, plain, given, best)
+        s = best.settled
+        new = fit(problem, f.structure, replace(f.point, power=s.power, processes=s.processes), REFIT_STEPS)
+        new = timed(problem, new)
+        had = {(p.kind, p.on) for p in f.processes}
+        if new.deviance + price(problem, given, new.processes) > here or {(p.kind, p.on) for p in new.processes} == had:
+            return f
+        tell("beside the model: " + ", ".join(f"{p.kind} {p.on}".strip() for p in new.processes if p not in f.processes))
+        f = new
+
+
+def families(problem: Problem, f: Fit, hints: Sequence[Finding]) -> list[tuple[Process, ...]]:
+    """Processes that could be there besides: those of one kind together, for they mostly come together."""
+    have = {(p.kind, p.on) for p in f.processes}
+    spacing = float(np.median(np.concatenate([np.diff(np.unique(d.time)) for d in problem.runs])))
+    memory = {h.channel: h.size["correlation_time"] for h in hints if h.kind == COLOURED}
+    hums = {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
+    white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have)
+    coloured = tuple(Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing)) for c in problem.channels if (COLOURED, c) not in have)
+    jitter = (Process(JITTER, size=0.1 * spacing),) if (JITTER, "") not in have else ()
+    hum = tuple(Process(HUM, c, 1.0, t) for c, t in hums.items() if c in problem.channels and (HUM, c) not in have)
+    free = [n for n in f.structure.free if "." not in n and (RUN_TO_RUN, n) not in have] if len(problem.runs) >= FEWEST_RUNS else []
+    found = [white, coloured + white if coloured else (), jitter, hum, *((Process(RUN_TO_RUN, n, 0.05),) for n in free)]
+    return [one for one in found if one]
+
+
+def backgrounds(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[LinearRun]) -> list[Background]:
+    """The fit's own background, and that without each kind of its processes, settled: physics may do what they seem to."""
+    found = [Background(f.power, f.processes, price(problem, given, f.processes))]
+    for kind in dict.fromkeys(p.kind for p in f.processes if p.kind != IMPACT and not (p.kind == WHITE and p.on not in given)):
+        fewer = tuple(p for p in f.processes if p.kind != kind)
+        s = settle(problem, f.structure, plain, Point(f.theta, f.paths, f.power, fewer), PASSES)
+        found.append(Background(s.power, s.processes, price(problem, given, s.processes)))
+    return found
+
+
+def _tried(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], processes: Sequence[Process]) -> Tried:
+    """Processes settled, the better of `STARTS`; those of which nothing is left are dropped."""
+    starts = STARTS if processes[-1].kind == RUN_TO_RUN else STARTS[:1]
+    settled = [settle(problem, f.structure, plain, Point(f.theta, f.paths, share * f.power, tuple(processes)), PASSES) for share in starts]
+    best = min(settled, key=lambda s: s.evidence.deviance)
+    best = replace(best, processes=tuple(p for p in best.processes if not p.gone or p.kind == WHITE))
+    return Tried(best, best.evidence.deviance + price(problem, given, best.processes))
+
+
+def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], tried: Tried) -> Tried:
+    """Without each process that does not pay for itself."""
+    for p in tried.settled.processes:
+        if p in f.processes or p.kind == IMPACT or (p.kind == WHITE and p.on not in given):
+            continue
+        fewer = tuple(q for q in tried.settled.processes if (q.kind, q.on) != (p.kind, p.on))
+        s = settle(problem, f.structure, plain, Point(f.theta, f.paths, tried.settled.power, fewer), PASSES)
+        without = Tried(s, s.evidence.deviance + price(problem, given, s.processes))
+        if without.cost < tried.cost:
+            tried = without
+    return tried
+
+
+def lean(problem: Problem, f: Fit, given: Sequence[str]) -> Fit:
+    """A fit without the processes that no longer pay."""
+    plain = linearise_all(problem, f)
+    here = settle(problem, f.structure, plain, f.point, 1)
+    best = _lean(problem, replace(f, processes=()), plain, given, Tried(here, f.deviance + price(problem, given, f.processes)))
+    if len(best.settled.processes) == len(f.processes):
+        return f
+    return fit(problem, f.structure, replace(f.point, power=best.settled.power, processes=best.settled.processes), REFIT_STEPS)
+
+
+def timed(problem: Problem, f: Fit) -> Fit:
+    """A fit with the times of its coloured noise and the frequency of its hum where the deviance is least, by parabolas."""
+    plain = linearise_all(problem, f)
+    processes = f.processes
+    longest = problem.length
+    groups = [[p.on] for p in processes if p.kind == COLOURED] + [[p.on for p in processes if p.kind == HUM]]
+    kinds = [COLOURED] * (len(groups) - 1) + [HUM]
+    for kind, on in zip(kinds, groups, strict=True):
+        if not on:
+            continue
+        period = next(p.time for p in processes if p.kind == kind and p.on in on)
+        step = TIME_STEP if kind == COLOURED else TURN_STEP * period / longest
+
+        def moved(by: float, kind=kind, on=on, processes=processes) -> tuple[Process, ...]:
+            return tuple(replace(p, time=p.time * np.exp(by)) if p.kind == kind and p.on in on else p for p in processes)
+
+        low, here, high = (_deviance(problem, f, plain, moved(by)) for by in (-step, 0.0, step))
+        bend = low - 2 * here + high
+        best = 0.5 * step * (low - high) / bend if bend > 0 else step * np.sign(low - high)
+        best = float(np.clip(best, -LONGEST_STEP * step * 3, LONGEST_STEP * step * 3))
+        if _deviance(problem, f, plain, moved(best)) < here:
+            processes = moved(best)
+    if processes == f.processes:
+        return f
+    return fit(problem, f.structure, replace(f.point, processes=processes), REFIT_STEPS)
+
+
+def _deviance(problem: Problem, f: Fit, plain: Sequence[LinearRun], processes: Sequence[Process]) -> float:
+    return settle(problem, f.structure, plain, Point(f.theta, f.paths, f.power, tuple(processes)), 1).evidence.deviance

@@ -1,0 +1,159 @@
+"""The moves of the search: from one fitted model to another with an effect more, less or exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..checks import Finding
+from ..core.effects.stand_in import VARIABLES
+from ..core.state import COORDINATES
+from ..estimation import columns
+from ..estimation.kalman import LinearRun
+from ..estimation.problem import Problem
+from ..estimation.processes import augmented
+from ..estimation.shooting import ANEW, FIRST_POWER, NO_POWER, Fit, Point, fit, linearise_all, weigh
+from . import background
+from .screening import Candidate, CandidateSet, Law, Screening, names, screen
+from .settings import LEVEL, LOOK_STEPS, NEAR, REFIT_STEPS, REFITTED, SHAKEN, TWINS
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is searched: the problem, channels whose noise is given, findings of the look at the data, and who hears of progress."""
+
+    problem: Problem
+    given: tuple[str, ...] = ()
+    hints: tuple[Finding, ...] = ()
+    tell: Callable[[str], None] = lambda _: None
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the search stands: the fit, the effects added in their order, what they cost by chance, and the log."""
+
+    fit: Fit
+    added: tuple[str, ...] = ()
+    price: float = 0.0
+    log: tuple[str, ...] = ()
+    rounds: tuple[tuple[tuple[str, ...], Screening], ...] = ()
+    freedom: tuple[tuple[str, float], ...] = ()  # what that of each force of any shape costs
+
+    def cost(self, task: Task) -> float:
+        """The deviance and what chance would have taken off it."""
+        return self.fit.deviance + self.price + background.price(task.problem, task.given, self.fit.processes)
+
+    @property
+    def stands_in(self) -> bool:
+        """Whether a force of any shape is among the effects."""
+        return any(n.startswith("stand_in") for n in self.added)
+
+    def told(self, line: str) -> State:
+        """The state with a line more in its log."""
+        return replace(self, log=(*self.log, line))
+
+
+def shaken(task: Task, state: State, systems: Sequence[LinearRun] | None = None) -> list[str]:
+    """Coordinates in which something moves the cradle that the model does not have."""
+    problem, f = task.problem, state.fit
+    systems = systems or linearise_all(problem, f)
+    full = problem.for_runs(lambda i: augmented(problem, f.structure, i, systems[i], f.processes))
+    here = weigh(problem, f.structure, full, f.theta, f.power).deviance
+    found = []
+    for c, name in enumerate(COORDINATES):
+        if f.power[c] > NO_POWER:
+            still = weigh(problem, f.structure, full, f.theta, np.where(np.arange(4) == c, 0.0, f.power)).deviance
+            if still > here + SHAKEN:
+                found.append(name)
+    return found
+
+
+def law_price() -> float:
+    """Twice the log evidence by which a force of any shape wrongly stands out in `LEVEL` of campaigns, at the most (a Bayes factor, laws counted)."""
+    return 2.0 * float(np.log(len(VARIABLES) * 5 / LEVEL))
+
+
+def lean(task: Task, state: State) -> State:
+    """The state without processes that no longer pay."""
+    return replace(state, fit=background.lean(task.problem, state.fit, task.given))
+
+
+def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: int = LOOK_STEPS) -> State:
+    """The state with a set of known effects, beside the background that suits it, after a few steps."""
+    problem, structure, theta, paths = task.problem, state.fit.structure, state.fit.theta, state.fit.paths
+    for member in found.members:
+        structure = structure.plus(member.name, member.start)
+        begin = structure.start[len(theta) :]
+        step = np.zeros(len(begin)) if member.start else found.sizes[member.label][: len(begin)]
+        theta = np.clip(np.concatenate([theta, begin + step]), *structure.bounds)
+        if not state.fit.model.carries_states and structure.model.carries_states:
+            paths = tuple(problem.for_runs(lambda i, s=structure: columns.carried(problem, s, i, paths[i])))
+    beside = found.background
+    new = fit(problem, structure, Point(theta, paths, beside.power, beside.processes, state.fit.touching), steps)
+    labels = " + ".join(m.name for m in found.members)
+    price = state.price + sum(m.price(family) for m in found.members)
+    grown = State(new, (*state.added, *(m.name for m in found.members)), price, state.log, state.rounds, state.freedom)
+    return grown.told(f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})")
+
+
+def settled(task: Task, state: State) -> State:
+    """The state fitted on to convergence."""
+    f = state.fit
+    if f.converged:
+        return state
+    new = fit(task.problem, f.structure, f.point, REFIT_STEPS)
+    return replace(state, fit=min(new, f, key=lambda x: x.deviance))
+
+
+def with_law(task: Task, state: State, law: Law) -> State:
+    """The state with a force of any shape as a table."""
+    old = state.fit.structure
+    values = {
+        "variable": float(VARIABLES.index(law.variable)), "start": law.start, "step": law.step,
+        "knots": float(len(law.table.values)), "values": tuple(float(v) for v in law.table.values),
+    }  # fmt: skip
+    structure = old.plus(law.name, values, free=[f"values[{k}]" for k in range(len(law.table.values))])
+    structure = replace(structure, smoothness={**old.smoothness, law.name: law.table.weight})
+    theta = np.concatenate([state.fit.theta, law.table.values / structure.scale[len(state.fit.theta) :]])
+    new = fit(task.problem, structure, replace(state.fit.point, theta=theta), REFIT_STEPS)
+    freedom = (*state.freedom, (law.name, law.table.occam))
+    grown = State(new, (*state.added, law.name), state.price + law.table.occam + law_price(), state.log, state.rounds, freedom)
+    return grown.told(f"any force in {law.acts_on} on {law.variable}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (gain {law.gain:.0f})")
+
+
+def without(task: Task, state: State, name: str, steps: int = REFIT_STEPS) -> State:
+    """The state without one of its effects, refitted from where it stands."""
+    f = state.fit
+    structure = f.structure.minus(name)
+    kept = [f.structure.free.index(n) for n in structure.free]
+    power = np.maximum(f.power, ANEW * FIRST_POWER) * task.problem.model.moving
+    paths = f.paths
+    if not structure.model.carries_states and f.model.carries_states:
+        paths = tuple(path[:, :8] for path in paths)
+    new = fit(task.problem, structure, replace(f.point, theta=f.theta[kept], paths=paths, power=power), steps)
+    price = state.price - _share(task, state, name)
+    freedom = tuple(f for f in state.freedom if f[0] != name)
+    return State(new, tuple(n for n in state.added if n != name), price, state.log, state.rounds, freedom)
+
+
+def _share(task: Task, state: State, name: str) -> float:
+    """What one effect of a state costs by chance."""
+    if name.startswith("stand_in"):
+        return law_price() + dict(state.freedom)[name]
+    count = sum(n.rpartition(".")[0] == name for n in state.fit.structure.free)
+    return Candidate(name, name, {}, count).price(len(names(task.problem, state.fit.structure)) + 1)
+
+
+def rivals(task: Task, state: State, name: str) -> list[State]:
+    """States with another known effect in the place of one, refitted where they come near; cheapest first."""
+    problem, smaller = task.problem, without(task, state, name)
+    systems = linearise_all(problem, smaller.fit)
+    screening = screen(problem, smaller.fit, systems, background.backgrounds(problem, smaller.fit, task.given, systems))
+    own = [s for s in screening.sets if len(s.members) == 1 and s.members[0].name != name]
+    reach = state.fit.deviance + NEAR
+    near = [s for s in own if s.deviance < reach][:REFITTED]
+    tried = [refitted(task, smaller, s, screening.family) for s in near]
+    close = [settled(task, t) if t.fit.deviance < state.fit.deviance + TWINS * 3 else t for t in tried]
+    return sorted(close, key=lambda s: s.cost(task))

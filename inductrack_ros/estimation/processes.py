@@ -1,0 +1,163 @@
+"""What a log or a rig does besides the model and white noise, as further states of the linear system of a run.
+
+Each process is linear and Gaussian with one variance (and perhaps a time) to be found by marginal likelihood: noise of another size,
+noise with a memory (Ornstein–Uhlenbeck, for irregular samples too), a hum, stamps that jitter, and a parameter that differs from run
+to run. A process competes with physics on equal terms: both are judged by the deviance they take away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .kalman import LinearRun, Smoothed
+from .problem import Problem, RunData
+from .structure import Structure
+
+WHITE, COLOURED, HUM, JITTER, RUN_TO_RUN, IMPACT = "noise_differs", "coloured_noise", "hum", "time_jitter", "run_to_run", "impact"
+#: States that each kind adds to a run, and parameters that it has to be found.
+STATES = {WHITE: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0}
+FREEDOM = {WHITE: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0}
+#: A process of this size is none: its share of the noise, s, share of a typical size.
+NONE = {WHITE: 1e-2, COLOURED: 1e-3, HUM: 1e-3, JITTER: 1e-7, RUN_TO_RUN: 1e-6, IMPACT: 1e-6}
+#: The rates that an impact changes, and how fast each turns per m/s of it.
+STRUCK, STRUCK_BY = slice(5, 8), np.array([1.0, 1.0, 10.0])
+
+
+@dataclass(frozen=True)
+class Process:
+    """One process: its kind, the channel or free parameter it is ``on``, its size and its time.
+
+    ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude), in s (jitter), in typical sizes
+    (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right to the last micrometre). ``time`` (s) is the correlation time of coloured noise and the period of a hum.
+    """
+
+    kind: str
+    on: str = ""
+    size: float = 1.0
+    time: float = 0.0
+
+    @property
+    def gone(self) -> bool:
+        """Whether nothing is left of it."""
+        return self.size < 3.0 * NONE[self.kind]
+
+
+def augmented(problem: Problem, structure: Structure, i: int, system: LinearRun, processes: Sequence[Process]) -> LinearRun:
+    """Run i's linear system with the states of all processes behind its own."""
+    data = problem.runs[i]
+    variance, kicked = system.variance.copy(), system.kicks.copy()
+    for p in processes:
+        if p.kind == WHITE:
+            variance[data.channel == problem.channels.index(p.on)] *= p.size**2
+        if p.kind == IMPACT:
+            kicked[system.touching, STRUCK] += (p.size * STRUCK_BY) ** 2
+    system = replace(system, variance=variance, kicks=kicked)
+    carrying = [p for p in processes if STATES[p.kind]]
+    if not carrying:
+        return system
+    blocks = [_block(problem, structure, data, system, p) for p in carrying]
+    n, N, c = system.inputs.shape
+    extra = sum(STATES[p.kind] for p in carrying)
+    wide = N + extra
+    H = np.hstack([system.sensitivity, *(b.sensitivity for b in blocks)])
+    F = np.zeros((n, wide, wide))
+    F[:, :N, :N] = system.transitions
+    root, kicks = np.zeros((wide, wide)), np.zeros((n, wide))
+    root[:N, :N], kicks[:, :N] = system.start_root, system.kicks
+    inputs, mean = np.zeros((n, wide, c)), np.zeros((wide, c))
+    inputs[:, :N], mean[:N] = system.inputs, system.start_mean
+    at = N
+    for b in blocks:
+        own = slice(at, at + b.transitions.shape[1])
+        F[:, own, own], F[:, :N, own] = b.transitions, b.coupling
+        root[own, own], kicks[:, own] = np.eye(b.transitions.shape[1]) * b.size, b.kicks
+        at = own.stop
+    return replace(system, sensitivity=H, transitions=F, inputs=inputs, start_root=root, start_mean=mean, kicks=kicks)
+
+
+@dataclass(frozen=True)
+class _Block:
+    sensitivity: np.ndarray  # (m, e)
+    transitions: np.ndarray  # (n, e, e)
+    coupling: np.ndarray  # (n, N, e) into the run's own states
+    kicks: np.ndarray  # (n, e)
+    size: float  # standard deviation of each state at the start
+
+
+def _block(problem: Problem, structure: Structure, data: RunData, system: LinearRun, p: Process) -> _Block:
+    """The states of one process in one run."""
+    n, N = system.inputs.shape[:2]
+    T, m, e = system.spacing, len(data.y), STATES[p.kind]
+    known = (system.sensitivity != 0.0).any(axis=1)
+    H, F, coupling, kicks = np.zeros((m, e)), np.zeros((n, e, e)), np.zeros((n, N, e)), np.zeros((n, e))
+    mine = known & (data.channel == problem.channels.index(p.on)) if p.on in problem.channels else known
+    if p.kind == COLOURED:
+        H[mine, 0] = 1.0
+        F[:, 0, 0] = np.exp(-T / p.time)
+        kicks[:, 0] = -(p.size**2) * np.expm1(-2.0 * T / p.time)
+        return _Block(H, F, coupling, kicks, p.size)
+    if p.kind == HUM:
+        H[mine, 0] = 1.0
+        turn = 2 * np.pi * T / p.time
+        F[:, 0, 0], F[:, 0, 1], F[:, 1, 0], F[:, 1, 1] = np.cos(turn), np.sin(turn), -np.sin(turn), np.cos(turn)
+        return _Block(H, F, coupling, kicks, p.size / np.sqrt(2.0))
+    if p.kind == JITTER:
+        H[mine, 0] = _rates(problem, data, system)[mine]
+        kicks[:, 0] = p.size**2
+        return _Block(H, F, coupling, kicks, p.size)
+    k = 1 + structure.free.index(p.on)
+    H[mine, 0] = -system.data[mine, k]
+    F[:, 0, 0] = 1.0
+    coupling[:, :, 0] = system.inputs[:, :, k]
+    return _Block(H, F, coupling, kicks, p.size)
+
+
+def _rates(problem: Problem, data: RunData, system: LinearRun) -> np.ndarray:
+    """How fast each reading changes (m,), in its noise per second: along what is predicted, channel by channel."""
+    predicted = data.y / problem.sigma[data.channel] - system.data[:, 0]
+    rates = np.zeros(len(predicted))
+    for c in range(len(problem.channels)):
+        mine = np.flatnonzero(data.channel == c)
+        if mine.size > 2:
+            rates[mine] = np.gradient(predicted[mine], data.time[mine])
+    return rates
+
+
+def offsets(system: LinearRun, wide: LinearRun, deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What smoothed processes (their states behind the run's own in ``deviations`` (n, N + e)) add to the readings (m,), in noise, and to
+    the way to the next node (n, N)."""
+    N = system.transitions.shape[1]
+    extra = deviations[:, N:]
+    node = np.repeat(np.arange(len(extra)), np.diff(system.first))
+    readings = np.einsum("me,me->m", wide.sensitivity[:, N:], extra[node])
+    return readings, np.einsum("nae,ne->na", wide.transitions[:, :N, N:], extra)
+
+
+def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int) -> np.ndarray:
+    """Found and expected (2, p) of each process's variance, over all runs: where they are equal it is the likeliest."""
+    result, at = np.zeros((2, len(processes))), n_states
+    for k, p in enumerate(processes):
+        if p.kind == WHITE:
+            c = problem.channels.index(p.on)
+            for data, s in zip(problem.runs, smooth, strict=True):
+                result[:, k] += s.of_readings[:, data.channel == c].sum(axis=1)
+        elif p.kind == IMPACT:
+            result[:, k] = 1.0  # held
+        else:
+            own = slice(at, at + STATES[p.kind])
+            result[:, k] = sum(s.of_states[:, own].sum(axis=1) for s in smooth)
+            at = own.stop
+    return result
+
+
+def resized(processes: Sequence[Process], variances: np.ndarray) -> tuple[Process, ...]:
+    """The processes with other variances (p,)."""
+    return tuple(replace(p, size=float(max(np.sqrt(v), NONE[p.kind]))) for p, v in zip(processes, variances, strict=True))
+
+
+def variances(processes: Sequence[Process]) -> np.ndarray:
+    """Their variances (p,)."""
+    return np.array([p.size**2 for p in processes])
