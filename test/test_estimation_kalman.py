@@ -26,6 +26,8 @@ def run() -> LinearRun:
         start_mean=rng.standard_normal((STATES, 1 + PARAMETERS)),
         kicks=rng.uniform(0.1, 0.3, (NODES, STATES)) * (np.arange(STATES) >= 6),
         touching=np.zeros(NODES, bool),
+        late=np.zeros((m, 4)),
+        struck=np.ones(m, bool),
     )
 
 
@@ -56,9 +58,9 @@ def dense(run: LinearRun, power: np.ndarray):
 def test_innovations_whiten_every_column(run, power):
     power = np.array(power)
     covariance, left, _, _ = dense(run, power)
-    filtered = run_filter(run, power)
-    assert filtered.whitened.T @ filtered.whitened == pytest.approx(left.T @ np.linalg.solve(covariance, left), rel=1e-9)
-    assert filtered.log_determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
+    whitened, determinant = run_filter(run, power).scored(run)
+    assert whitened.T @ whitened == pytest.approx(left.T @ np.linalg.solve(covariance, left), rel=1e-9)
+    assert determinant == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
 
 
 @pytest.mark.parametrize("power", [[0.1, 0.2, 0.0, 0.4], [0.0] * 4], ids=["shaken", "deterministic"])

@@ -123,19 +123,28 @@ def with_law(task: Task, state: State, law: Law) -> State:
     return grown.told(f"any force in {law.acts_on} on {law.variable}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (gain {law.gain:.0f})")
 
 
-def without(task: Task, state: State, name: str, steps: int = REFIT_STEPS) -> State:
-    """The state without one of its effects, refitted from where it stands."""
+def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:
+    """The state without one of its effects, refitted from where it stands with at least the share ``floor`` of the first power."""
     f = state.fit
     structure = f.structure.minus(name)
     kept = [f.structure.free.index(n) for n in structure.free]
-    power = np.maximum(f.power, ANEW * FIRST_POWER) * task.problem.model.moving
-    paths = f.paths
-    if not structure.model.carries_states and f.model.carries_states:
-        paths = tuple(path[:, :8] for path in paths)
-    new = fit(task.problem, structure, replace(f.point, theta=f.theta[kept], paths=paths, power=power), steps)
+    power = np.maximum(f.power, floor * FIRST_POWER) * task.problem.model.moving
+    new = fit(task.problem, structure, replace(f.point, theta=f.theta[kept], power=power), REFIT_STEPS)
     price = state.price - _share(task, state, name)
     freedom = tuple(f for f in state.freedom if f[0] != name)
     return State(new, tuple(n for n in state.added if n != name), price, state.log, state.rounds, freedom)
+
+
+def surely_needed(task: Task, state: State, name: str) -> bool:
+    """Whether the deviance without an effect would to first order rise by far more than the effect costs (Wald)."""
+    f = state.fit
+    mine = [k for k, n in enumerate(f.structure.free) if n.rpartition(".")[0] == name]
+    if not mine or name.startswith("stand_in"):
+        return False
+    vanishing = f.structure.minus(name).plus(name)
+    away = f.theta[mine] - vanishing.start[[vanishing.free.index(f.structure.free[k]) for k in mine]]
+    rise = float(away @ np.linalg.pinv(f.covariance[np.ix_(mine, mine)], hermitian=True) @ away)
+    return rise > _share(task, state, name) + NEAR
 
 
 def _share(task: Task, state: State, name: str) -> float:
@@ -148,7 +157,7 @@ def _share(task: Task, state: State, name: str) -> float:
 
 def rivals(task: Task, state: State, name: str) -> list[State]:
     """States with another known effect in the place of one, refitted where they come near; cheapest first."""
-    problem, smaller = task.problem, without(task, state, name)
+    problem, smaller = task.problem, without(task, state, name, ANEW)
     systems = linearise_all(problem, smaller.fit)
     screening = screen(problem, smaller.fit, systems, background.backgrounds(problem, smaller.fit, task.given, systems))
     own = [s for s in screening.sets if len(s.members) == 1 and s.members[0].name != name]

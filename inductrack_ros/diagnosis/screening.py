@@ -170,11 +170,11 @@ def _blocks(problem: Problem, fit: Fit, systems: Sequence[LinearRun], parts: Seq
     prior, pull = fit.structure.precision, fit.structure.precision @ (fit.structure.centre - fit.theta)
 
     def one(i: int):
-        f = run_filter(augmented(problem, fit.structure, i, widened(systems[i], [parts[i]]), fit.processes), power)
-        w = f.whitened
+        system = augmented(problem, fit.structure, i, widened(systems[i], [parts[i]]), fit.processes)
+        w, determinant = run_filter(system, power).scored(system)
         nuisance, more = w[:, : 1 + g], w[:, 1 + g :]
         own = [more[:, a:b].T @ more[:, a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
-        return nuisance.T @ nuisance, nuisance.T @ more, own, f.log_determinant
+        return nuisance.T @ nuisance, nuisance.T @ more, own, determinant
 
     found = problem.for_runs(one)
     small, cross = sum(f[0] for f in found), sum(f[1] for f in found)

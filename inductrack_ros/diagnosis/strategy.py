@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from ..estimation.shooting import linearise_all
 from . import background
-from .moves import State, Task, law_price, lean, refitted, rivals, settled, shaken, with_law, without
+from .moves import State, Task, law_price, lean, refitted, rivals, settled, shaken, surely_needed, with_law, without
 from .screening import laws, screen
 from .settings import NEAR, REFITTED, ROUNDS
 
@@ -79,7 +79,7 @@ def add_unknown(task: Task, state: State) -> State:
 
 def prune(task: Task, state: State) -> State:
     """Take out whatever is not needed, the last added first."""
-    for name in reversed(state.added):
+    for name in [n for n in reversed(state.added) if not surely_needed(task, state, n)]:
         smaller = without(task, state, name)
         if smaller.cost(task) < state.cost(task):
             return prune(task, smaller.told(f"{name} is not needed"))

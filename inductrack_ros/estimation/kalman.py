@@ -29,7 +29,8 @@ class LinearRun:
     units of the stated noise; ``transitions`` (n, N, N) and ``inputs`` (n, N, c) lead to the next node (the last is not used); ``spacing``
     (n,) s; ``start_root`` (N, N) a square root of the initial covariance, ``start_mean`` (N, c); ``kicks`` (n, N) variances of white
     disturbances of each state on the way to the next node, beside those of the accelerations; ``touching`` (n,) where the cradle is in
-    contact on that way.
+    contact on that way; ``late`` (m, 4) what the coordinates' rates add to a reading because it is of another moment; ``struck`` (m,)
+    readings that show what an impact changes.
     """
 
     first: np.ndarray
@@ -43,6 +44,14 @@ class LinearRun:
     start_mean: np.ndarray
     kicks: np.ndarray
     touching: np.ndarray
+    late: np.ndarray
+    struck: np.ndarray
+
+    @property
+    def scored(self) -> np.ndarray:
+        """Readings (m,) that count. What an impact changes is only conditioned on during a contact (a partial likelihood, Cox 1975)."""
+        node = np.repeat(np.arange(len(self.spacing)), np.diff(self.first))
+        return ~(self.touching[node] & self.struck)
 
 
 @dataclass(frozen=True)
@@ -73,10 +82,10 @@ class Filtered:
         """Innovations over their standard deviations, (m, c)."""
         return self.innovations / np.sqrt(self.variances)[:, None]
 
-    @property
-    def log_determinant(self) -> float:
-        """Σ log of the innovations' variances."""
-        return float(np.log(self.variances).sum())
+    def scored(self, run: LinearRun) -> tuple[np.ndarray, float]:
+        """Whitened innovations (m, c) of the readings that count, 0 for the others, and Σ log of their variances."""
+        counts = run.scored
+        return np.where(counts[:, None], self.whitened, 0.0), float(np.log(self.variances[counts]).sum())
 
 
 @dataclass(frozen=True)

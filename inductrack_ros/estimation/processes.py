@@ -54,6 +54,7 @@ def augmented(problem: Problem, structure: Structure, i: int, system: LinearRun,
             variance[data.channel == problem.channels.index(p.on)] *= p.size**2
         if p.kind == IMPACT:
             kicked[system.touching, STRUCK] += (p.size * STRUCK_BY) ** 2
+            variance += _struck_since(data, system) @ (p.size * STRUCK_BY) ** 2
     system = replace(system, variance=variance, kicks=kicked)
     carrying = [p for p in processes if STATES[p.kind]]
     if not carrying:
@@ -76,6 +77,18 @@ def augmented(problem: Problem, structure: Structure, i: int, system: LinearRun,
         root[own, own], kicks[:, own] = np.eye(b.transitions.shape[1]) * b.size, b.kicks
         at = own.stop
     return replace(system, sensitivity=H, transitions=F, inputs=inputs, start_root=root, start_mean=mean, kicks=kicks)
+
+
+def _struck_since(data: RunData, system: LinearRun) -> np.ndarray:
+    """Squares (m, 3) of what a unit change of the struck rates does to readings whose moment may be on the other side of a contact."""
+    late = system.late[:, 1:]
+    if not late.any():
+        return np.zeros(late.shape)
+    reach = 3.0 * np.abs(late).max(axis=1) / np.maximum(np.abs(system.sensitivity[:, 1:4]).max(axis=1), 1e-300)
+    touched = np.append(0, np.cumsum(system.touching))
+    first, last = (np.searchsorted(data.grid, data.time + side * reach) for side in (-1.0, 1.0))
+    between = touched[np.minimum(last + 1, len(data.grid))] - touched[np.maximum(first - 1, 0)]
+    return late**2 * (between > 0)[:, None]
 
 
 @dataclass(frozen=True)

@@ -127,9 +127,8 @@ def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
 
 def _level(problem: Problem, systems: Sequence[LinearRun], power: np.ndarray, background: Background) -> Level:
     def one(i: int) -> tuple[np.ndarray, float]:
-        f = run_filter(systems[i], power)
-        w = f.whitened
-        return w.T @ w, f.log_determinant
+        w, determinant = run_filter(systems[i], power).scored(systems[i])
+        return w.T @ w, determinant
 
     found = problem.for_runs(one)
     return Level(power, background, sum(g for g, _ in found), sum(d for _, d in found))

@@ -18,7 +18,7 @@ from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
 from .kalman import Columns, Filtered, LinearRun, Smoothed, run_filter, run_smoother
 from .processes import Process, augmented, offsets, resized, told, variances
-from .problem import STATE_PRIOR, Problem, RunData
+from .problem import GRID, STATE_PRIOR, Problem, RunData
 from .response import STATE_STEPS, VARIABLES, gap_geometry
 from .structure import Structure
 
@@ -146,14 +146,40 @@ def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray,
         table = force_columns(data, problem.sigma, model, _table_forces(problem, structure, i, theta, path, effect))
         y[:, [1 + k for k in mine]], inputs[:, :, [1 + k for k in mine]] = -table.data, table.inputs
     sensitivity = ((readings[1 : 1 + A] - readings[0]) * weight).T / by_state
+    late = _late(problem, structure, i, outputs, theta, readings, by_state) * weight[:, None]
+    sensitivity[:, 4:8] += late
     known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(axis=1)  # a late sensor's first readings are of before the run
-    sensitivity[~known], y[~known] = 0.0, 0.0
+    sensitivity[~known], y[~known], y[~known, 0] = 0.0, 0.0, 1.0  # it tells nothing and is as far off as noise is: no gain
     root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
     return LinearRun(
         np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, problem.variance(i),
         (ends[:, 1 : 1 + A] - ends[:, :1]).transpose(0, 2, 1) / by_state, inputs, np.append(np.diff(data.grid), 0.0), root, mean, np.zeros((n, A)),
-        _touching(outputs[:, 0]),
+        _touching(outputs[:, 0]), late, _struck(data),
     )  # fmt: skip
+
+
+def _struck(data: RunData) -> np.ndarray:
+    """Readings (m,) of all but the surge."""
+    return ~np.isin(data.column, [INDEX[n] for n in ("surge", "surge_rate", "surge_acceleration")])
+
+
+def _late(
+    problem: Problem, structure: Structure, i: int, outputs: np.ndarray, theta: np.ndarray, readings: np.ndarray, by_state: np.ndarray
+) -> np.ndarray:
+    """What a rate of each coordinate adds to readings (m, 4) of sensors that look at another moment than that of their stamp.
+
+    A reading of the coordinate δ ago is less by δ times its rate. A ramp through the run tells δ: it reads as the time less δ.
+    """
+    data = problem.runs[i]
+    found = np.zeros((len(data.y), 4))
+    if not structure.sensors.channels:
+        return found
+    for c in range(4):
+        apart = outputs[:, 1 + c] - outputs[:, 0]
+        ramp = outputs[:, 0] + apart * (data.grid / max(data.grid[-1], GRID))[:, None]
+        moved = (read(problem, structure, i, ramp[:, None], theta[None])[0] - readings[0]) * max(data.grid[-1], GRID)
+        found[:, c] = (moved - (readings[1 + c] - readings[0]) * data.time) / by_state[c]
+    return np.nan_to_num(found)
 
 
 def _touching(outputs: np.ndarray) -> np.ndarray:
@@ -272,8 +298,8 @@ def start(problem: Problem, structure: Structure, i: int) -> np.ndarray:
     def deviance(c: int, exponent: float, power: np.ndarray) -> float:
         tried = power.copy()
         tried[c] = 10.0**exponent
-        f = run_filter(kinematic, tried)
-        return float((f.whitened[:, 0] ** 2).sum() + f.log_determinant)
+        whitened, determinant = run_filter(kinematic, tried).scored(kinematic)
+        return float((whitened[:, 0] ** 2).sum() + determinant)
 
     power = model.moving * 1e2
     seen = [c for c in range(4) if power[c] and (kinematic.sensitivity[:, [c, 4 + c]] != 0).any()]
@@ -319,7 +345,7 @@ def _kinematic(problem: Problem, model, data: RunData) -> LinearRun:
     root[data.free_states, data.free_states] = STATE_PRIOR[data.free_states]
     return LinearRun(
         np.searchsorted(data.row[used], np.arange(n + 1)), H / sigma[:, None], y[:, None], np.ones(len(y)), F, inputs, spacing, root, np.zeros((8, 1)), np.zeros((n, 8)),
-        np.zeros(n, bool),
+        np.zeros(n, bool), np.zeros((len(y), 4)), np.zeros(len(y), bool),
     )
 
 
@@ -338,7 +364,7 @@ def weigh(problem: Problem, structure: Structure, systems: Sequence[LinearRun], 
     filtered = tuple(problem.for_runs(lambda i: run_filter(systems[i], shaken)))
     g = len(theta)
     A, b = structure.precision.copy(), structure.precision @ (structure.centre - theta)
-    whitened = [f.whitened for f in filtered]
+    whitened, determinants = zip(*(f.scored(system) for f, system in zip(filtered, systems, strict=True)), strict=True)
     for w in whitened:
         A += w[:, 1:].T @ w[:, 1:]
         b -= w[:, 1:].T @ w[:, 0]
@@ -348,7 +374,7 @@ def weigh(problem: Problem, structure: Structure, systems: Sequence[LinearRun], 
     covariance = np.zeros((g, g))
     if free.any():
         covariance[np.ix_(free, free)] = np.linalg.pinv(A[np.ix_(free, free)], rcond=1e-15, hermitian=True)
-    deviance = chi2 + structure.surprise(theta + step) + sum(f.log_determinant for f in filtered)
+    deviance = chi2 + structure.surprise(theta + step) + sum(determinants)
     return Evidence(deviance, chi2, left, filtered, step, covariance)
 
 
@@ -401,7 +427,7 @@ def settle(
         ratio = variance_ratio(problem, processes, smooth, n_states)
         there = likelier(here, ratio, before)
         new = np.clip(there[:4], NO_POWER, ROUGHEST), resized(processes, there[4:])
-        if not left or last - evidence.deviance < TOLERANCE or follow and (there < RESTING * here).any():
+        if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
             break
         power, processes, before, last = *new, (here, ratio), evidence.deviance
     return Settled(power, processes, systems, evidence, smooth, *new)
