@@ -15,7 +15,7 @@ from scipy import stats
 from ..checks import Finding
 from ..estimation.kalman import LinearRun
 from ..estimation.problem import Problem
-from ..estimation.processes import COLOURED, FREEDOM, HUM, IMPACT, JITTER, RUN_TO_RUN, WHITE, Process
+from ..estimation.processes import COLOURED, FREEDOM, HELD, HUM, IMPACT, JITTER, RUN_TO_RUN, ROUNDED, WHITE, Process
 from ..estimation.scores import Background
 from ..estimation.shooting import Fit, Point, Settled, fit, linearise_all, settle
 from .settings import LEVEL, REFIT_STEPS
@@ -24,10 +24,21 @@ from .settings import LEVEL, REFIT_STEPS
 PASSES = 10
 #: Shares of the fitted power from which they start: what a process takes over, the plant no longer does.
 STARTS = (1.0, 1e-3)
+#: Rounded readings count as if so many of them were one.
+ALIKE = 2.0
 #: Fewer runs say nothing of what differs from run to run.
 FEWEST_RUNS = 3
 #: Steps of a time in its logarithm, of a frequency in turns over a run, when it is looked for.
 TIME_STEP, TURN_STEP, LONGEST_STEP = 0.3, 0.1, 1.0
+
+
+def noise_of_rounding(hints: Sequence[Finding]) -> dict[str, float]:
+    """Noise to be reckoned with in channels whose readings are rounded: `ALIKE` times the variance of a rounding error.
+
+    Rounding errors of neighbouring readings are alike where the coordinate moves by nearly a whole number of steps between them, so
+    several tell little more than one. A likelihood of intervals in place of a Gaussian would make this needless.
+    """
+    return {h.channel: float(np.sqrt(ALIKE / 12.0) * h.size["step"]) for h in hints if h.kind == "quantised"}
 
 
 @dataclass(frozen=True)
@@ -38,16 +49,17 @@ class Tried:
     cost: float
 
 
-def processes_at_first(problem: Problem, given: Sequence[str]) -> tuple[Process, ...]:
-    """Those of every fit: contact is never exact, and noise that is not ``given`` has to be found."""
+def processes_at_first(problem: Problem, given: Sequence[str], hints: Sequence[Finding] = ()) -> tuple[Process, ...]:
+    """Those of every fit: contact is never exact, noise that is not ``given`` has to be found, and rounding is not noise alone."""
+    rounded = tuple(Process(ROUNDED, h.channel, 1.0, h.size["step"]) for h in hints if h.kind == ROUNDED and h.channel in problem.channels)
     touch = (Process(IMPACT, size=0.1),) if problem.model.parameters["contact_stiffness"] else ()
-    return touch + tuple(Process(WHITE, c) for c in problem.channels if c not in given)
+    return touch + rounded + tuple(Process(WHITE, c) for c in problem.channels if c not in given)
 
 
 def price(problem: Problem, given: Sequence[str], processes: Sequence[Process]) -> float:
     """Fall of the deviance that chance reaches with these processes in `LEVEL` of campaigns, all that are tried counted."""
     family = len(problem.channels) * (FREEDOM[COLOURED] + FREEDOM[HUM] + FREEDOM[WHITE]) + 3
-    paid = [p for p in processes if p.kind != IMPACT and not (p.kind == WHITE and p.on not in given)]
+    paid = [p for p in processes if p.kind not in HELD and not (p.kind == WHITE and p.on not in given)]
     return sum(float(stats.chi2.isf(LEVEL / family, FREEDOM[p.kind])) for p in paid)
 
 
@@ -77,7 +89,8 @@ def families(problem: Problem, f: Fit, hints: Sequence[Finding]) -> list[tuple[P
     spacing = float(np.median(np.concatenate([np.diff(np.unique(d.time)) for d in problem.runs])))
     memory = {h.channel: h.size["correlation_time"] for h in hints if h.kind == COLOURED}
     hums = {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
-    white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have)
+    rounded = {h.channel for h in hints if h.kind == "quantised"}
+    white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
     coloured = tuple(Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing)) for c in problem.channels if (COLOURED, c) not in have)
     jitter = (Process(JITTER, size=0.1 * spacing),) if (JITTER, "") not in have else ()
     hum = tuple(Process(HUM, c, 1.0, t) for c, t in hums.items() if c in problem.channels and (HUM, c) not in have)
@@ -89,7 +102,7 @@ def families(problem: Problem, f: Fit, hints: Sequence[Finding]) -> list[tuple[P
 def backgrounds(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[LinearRun]) -> list[Background]:
     """The fit's own background, and that without each kind of its processes, settled: physics may do what they seem to."""
     found = [Background(f.power, f.processes, price(problem, given, f.processes))]
-    for kind in dict.fromkeys(p.kind for p in f.processes if p.kind != IMPACT and not (p.kind == WHITE and p.on not in given)):
+    for kind in dict.fromkeys(p.kind for p in f.processes if p.kind not in HELD and not (p.kind == WHITE and p.on not in given)):
         fewer = tuple(p for p in f.processes if p.kind != kind)
         s = settle(problem, f.structure, plain, Point(f.theta, f.paths, f.power, fewer), PASSES)
         found.append(Background(s.power, s.processes, price(problem, given, s.processes)))
@@ -108,7 +121,7 @@ def _tried(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence
 def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], tried: Tried) -> Tried:
     """Without each process that does not pay for itself."""
     for p in tried.settled.processes:
-        if p in f.processes or p.kind == IMPACT or (p.kind == WHITE and p.on not in given):
+        if p in f.processes or p.kind in HELD or (p.kind == WHITE and p.on not in given):
             continue
         fewer = tuple(q for q in tried.settled.processes if (q.kind, q.on) != (p.kind, p.on))
         s = settle(problem, f.structure, plain, Point(f.theta, f.paths, tried.settled.power, fewer), PASSES)

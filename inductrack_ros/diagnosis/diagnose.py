@@ -1,4 +1,4 @@
-"""The whole diagnosis: fit first, is anything missing, which effect, how sure, what would settle it."""
+"""The whole diagnosis: fit first, search what is missing, how sure that is, what run would settle what is open."""
 
 from __future__ import annotations
 
@@ -8,320 +8,137 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..core.effects.stand_in import basis
+from ..checks import Finding
 from ..core.errors import InputError
 from ..core.model import Model
-from ..core.state import INDEX
 from ..data.campaign import Campaign
 from ..estimation import noise, shooting
-from ..estimation.fit import Fit, fit, fit_from_scratch
 from ..estimation.problem import Problem
+from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
-from . import support
-from .candidates import WAVES, Screened
+from . import answer, background, errors, support
 from .experiment import propose
-from .gate import Gate
-from .race import Trial
-from .result import INTERRUPTED, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
-from .search import Search
-from .seek import CLOSE, find
-from .signatures import VARIABLES
+from .findings import findings, hidden_by
+from .moves import State, Task
+from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
+from .settings import FIRST_STEPS, UNDETERMINED
+from .strategy import search
 
-#: Rivals whose χ² after refitting is within this of the best cannot be told from it (chance of wronging the truth below 1 %).
-TWINS = 6.6
-#: Noise that was not given and turns out below this part of what was estimated beside the misfit: the search is done again, at most so often.
-SHARPER, ROUNDS = 0.95, 3
-#: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
-LEFT_OUT = 4
+#: Why a search was broken off, as the notes say it.
+STOPPED = {"interrupted": INTERRUPTED, "out of time": OUT_OF_TIME}
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # the threads are ours: many small matrices at once
 def diagnose(
-    campaign: Campaign, model: Model, tell: Callable[[str], None] = lambda _: None, workers: Threads | Cluster | None = None
+    campaign: Campaign,
+    model: Model,
+    tell: Callable[[str], None] = lambda _: None,
+    workers: Threads | Cluster | None = None,
+    seen: Sequence[Finding] = (),
+    budget: float = np.inf,
 ) -> Diagnosis:
     """Diagnose a campaign against a model, whose effects (if any) are kept and refitted.
 
-    ``tell`` hears what is being tried; ``workers`` do the refits. Raises `InputError` for a campaign that cannot be fitted at all.
+    ``tell`` hears what is being tried; ``workers`` do the refits; ``seen`` are the findings of the look at the data; after ``budget`` (s)
+    the best answer so far is given. Raises `InputError` for a campaign that cannot be fitted at all.
     """
     began = time.monotonic()
     notes = support.inspect(campaign)
     tell("fitting what is known")
-    problem, base, undetermined = base_fit(campaign, model)
+    problem, base, undetermined = base_fit(campaign, model, seen)
     notes += support.undetermined(undetermined, base)
-    search, answer = Search(problem, base, tell, workers), None
-    for _ in range(ROUNDS):
-        chosen, found_gate = find(search, search.trials[frozenset(base.structure.effects)], notes, answer)
-        sigma = noise.from_residuals(problem, [p.residual for p in chosen.fit.linear], campaign.noise_std)
-        if INTERRUPTED in notes or (sigma > SHARPER * problem.sigma).all():
-            break
-        tell("the noise is smaller than it seemed beside the misfit: once more")
-        problem = problem.with_sigma(sigma)
-        base = fit(problem, base.structure, base.states, base.theta)
-        search = search.under(problem, base)
-        answer = search.trials[frozenset(chosen.names)]
-    root = search.trials[frozenset(base.structure.effects)]
-    new = tuple(n for n in chosen.names if n not in root.names)
-    stand_in = [n for n in new if n.startswith("stand_in")]
-    effects = tuple(n for n in new if n not in stand_in)
-    verdict = "adequate" if not new and found_gate.adequate else "missing_effect" if found_gate.adequate and not stand_in else "unknown_effect"
-    twins = _twins(search, chosen, effects)
-    tell("how well it predicts runs left out")
-    path = [tuple(new[:k]) for k in range(len(new) + 1)]
-    steps = tuple(step_of(search, search.part(chosen, (*root.names, *p)), p) for p in path)
-    unknown = _unknown(search, chosen, found_gate, stand_in, steps) if verdict == "unknown_effect" else None
+    task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
+    state = search(task, State(base))
+    notes += [STOPPED[state.stopped]] if state.stopped else []
+    return _told(campaign, task, state, base, undetermined, notes, began)
+
+
+def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float) -> Diagnosis:
+    """The diagnosis that the end of a search is."""
+    problem, f = task.problem, state.fit
+    effects = tuple(n for n in state.added if not n.startswith("stand_in"))
+    verdict = "unknown_effect" if state.stands_in else "missing_effect" if effects else "adequate"
+    unknown, screening = answer.unknown_of(state), answer.last_screening(task, state)
+    sigma = answer.sigma_found(task, state, background.noise_of_rounding(task.hints))
+    task.tell("how well it predicts runs left out")
+    base = answer.settled_base(task, state, base)
+    fits = answer.subsets(task, state, base)
+    path = [state.added[:k] for k in range(len(state.added) + 1)]
+    steps = tuple(errors.step_of(problem, fits[p], sigma, p) for p in path)
+    where = {p[-1]: errors.where_won(problem, fits[p[:-1]], fits[p], sigma) for p in path[1:]}
     experiment, proposal = None, None
-    if twins or verdict == "unknown_effect":
-        tell("which run would settle what is open")
-        experiment, proposal = propose(search, chosen, twins, unknown, undetermined)
-    if verdict == "unknown_effect" and (odd := support.disagreeing(problem, base)):
-        notes.append(
-            f"runs disagree: {', '.join(odd)} and the others each fit the model alone, with other values of {', '.join(base.structure.free)}; "
-            "was the rig changed between them?"
-        )
-        experiment = f"repeat one of {', '.join(odd)} and one of the others without touching the rig in between, or diagnose them apart"
-    notes += support.leftover(problem, chosen.fit, campaign.noise_std, found_gate)
-    f = chosen.fit
-    deviations = f.deviations
+    if state.twins or verdict == "unknown_effect":
+        task.tell("which run would settle what is open")
+        experiment, proposal = propose(task, f, state, unknown, undetermined)
+    found = findings(task, state)
+    if swallowing := hidden_by(found):
+        notes.append(f"{swallowing} can hide effects too: what would have shown is listed with that reckoned in")
+    notes += support.leftover(problem, f)
+    tests, p_value = answer.tests_of(screening)
     held = [f.structure.free[k] for k in f.structure.held]
     notes += [f"{n} is held at {f.values[n]:.4g} as given: the change of the thrust is relative to that, and only their product shows" for n in held]
+    deviations = f.deviations
     return Diagnosis(
         campaign=campaign.name,
         verdict=verdict,
         effects=effects,
         model=f.model,
         parameters={n: (v, deviations[n]) for n, v in f.values.items() if "values[" not in n and n not in held},
-        indistinguishable=twins,
+        indistinguishable=state.twins,
         unknown=unknown,
         next_experiment=experiment,
         steps=steps,
-        rivals=_rivals(search, root, chosen),
-        limits=_limits(search, chosen),
-        noise=dict(zip(problem.channels, problem.sigma.tolist(), strict=True)),
+        rivals=answer.rivals_of(state, where),
+        limits=answer.limits_of(task, state, screening),
+        noise=dict(zip(problem.channels, sigma.tolist(), strict=True)),
         noise_given=tuple(campaign.noise_std),
         notes=tuple(notes),
-        tests=found_gate.tests[:12],
-        p_value=found_gate.p_scores,
-        traces=traces_of(search, chosen, root, new),
+        findings=found,
+        tests=tests,
+        p_value=p_value,
+        traces=errors.traces_of(problem, fits),
         proposal=proposal,
         seconds=time.monotonic() - began,
+        log=state.log,
     )
 
 
-def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ...]]:
+def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> tuple[Problem, Fit, tuple[str, ...]]:
     """The problem with its noise, the fit of the model as it is, and the parameters that the data cannot determine."""
+    problem = Problem(campaign, model, _noise(campaign, seen))
+    own = tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
+    structure = Structure(problem.model, tuple(campaign.free) + own)
+    structure.check()
+    first = background.processes_at_first(problem, tuple(campaign.noise_std), seen)
+    base = shooting.fit(problem, structure, None, FIRST_STEPS, first)
+    if not np.isfinite(base.deviance):
+        raise InputError(f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and drive_current")
+    undetermined = _undetermined(base)
+    if undetermined:
+        kept = [k for k, n in enumerate(structure.free) if n not in undetermined]
+        structure = Structure(problem.model, tuple(structure.free[k] for k in kept))
+        base = shooting.fit(problem, structure, shooting.moved(base.point, base.theta[kept]), FIRST_STEPS)
+    return problem, base, undetermined
+
+
+def _noise(campaign: Campaign, seen: Sequence[Finding]) -> Mapping[str, float]:
+    """Noise by channel to begin with: as given, else from neighbouring samples; of rounded readings at least their rounding."""
     guess = noise.from_samples(campaign) | dict(campaign.noise_std)
+    for channel, size in background.noise_of_rounding(seen).items():
+        if channel in guess:
+            guess[channel] = float(np.nanmax([guess[channel], size]))
     for channel, value in guess.items():
         if not np.isfinite(value) or value <= 0:
             raise InputError(
                 f"{campaign.folder}: {channel} never changes from sample to sample, so its noise cannot be estimated; "
                 f"give noise_std: {{{channel}: …}} in campaign.yaml, or leave the channel out"
             )
-    problem = Problem(campaign, model, guess)
-    free = tuple(campaign.free) + tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
-    structure = Structure(problem.model, free)
-    structure.check()
-    base = _first_fit(problem, structure)
-    if not np.isfinite(base.chi2):
-        raise InputError(f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and drive_current")
-    undetermined = base.undetermined
-    if undetermined:
-        kept = tuple(n for n in free if n not in undetermined)
-        structure = Structure(problem.model, kept)
-        base = fit(problem, structure, base.states, [t for t, n in zip(base.theta, free, strict=True) if n in kept])
-    for _ in range(2 if len(campaign.noise_std) < len(problem.channels) else 0):
-        problem = problem.with_sigma(noise.from_residuals(problem, [p.residual for p in base.linear], campaign.noise_std))
-        base = fit(problem, structure, base.states, base.theta)
-    return problem, base, undetermined
+    return guess
 
 
-def _first_fit(problem: Problem, structure: Structure) -> Fit:
-    """The fit of the model as it is, the better of two ways to start: from multiple shooting, and over growing horizons.
-
-    Shooting finds the sway and roll that nothing measures, growing horizons the right side of an early impact. Runs by pulses are flown
-    at an unstable speed that a controller holds; growing horizons do not follow them.
-    """
-    shot = shooting.fit(problem, structure)
-    found = fit(problem, structure, shot.states, shot.theta)
-    if np.isfinite(found.chi2) and (found.leaves_noise or not all(data.averaged for data in problem.runs)):
-        return found
-    return min(found, fit_from_scratch(problem, structure), key=lambda f: f.chi2)
-
-
-def _twins(search: Search, chosen: Trial, effects: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """For each effect found, what could stand in its place within `TWINS` of χ²; beside a force of any shape only what acts alike."""
-    twins = {}
-    for name in effects:
-        added = frozenset(chosen.names) - {name}
-        others = search.recognise(chosen, name) if chosen.stands_in else search.rivals(chosen, name)
-        close = [search.converged(search.finish(t)) for t in others if t.chi2 < chosen.chi2 + CLOSE]
-        rivals = sorted((t.chi2, next(iter(frozenset(t.names) - added))) for t in close if t.chi2 < chosen.chi2 + TWINS)
-        if rivals:
-            twins[name] = tuple(n for _, n in rivals)
-    return twins
-
-
-def step_of(search: Search, trial: Trial, shown: tuple[str, ...]) -> Step:
-    """Errors with a set of effects: fitted on all runs, and on every fourth when the fit saw only the others."""
-    problem, f = search.problem, trial.fit
-    residuals = [p.residual for p in f.linear]
-    out = list(range(LEFT_OUT // 2, len(problem.runs), LEFT_OUT)) or [len(problem.runs) - 1]
-    seen = [i for i in range(len(problem.runs)) if i not in out]
-    heldout, by_channel = np.nan, {}
-    if seen:
-        near = [f.linear[i] for i in seen]
-        inner = fit(problem.subset(seen), f.structure, [f.states[i] for i in seen], f.theta, iterations=8, reuse=near)
-        model = inner.model
-        left = problem.subset(out)
-        outer = fit(left, Structure(model, ()), [f.states[i] for i in out], iterations=8, reuse=[f.linear[i] for i in out])
-        rest = [p.residual for p in outer.linear]
-        heldout, by_channel = _rms(np.concatenate(rest)), _by_channel(left, rest)
-    return Step(
-        shown, f.reduced_chi2, heldout, _by_channel(problem, residuals), by_channel,
-        {d.run.name: _rms(r) for d, r in zip(problem.runs, residuals, strict=True)},
-    )  # fmt: skip
-
-
-def _rms(r: np.ndarray) -> float:
-    r = r[np.isfinite(r)]
-    return float(np.sqrt(np.mean(r**2))) if r.size else float("nan")
-
-
-def _by_channel(problem: Problem, residuals: Sequence[np.ndarray]) -> dict[str, float]:
-    number = np.concatenate([d.channel for d in problem.runs])
-    r = np.concatenate(residuals)
-    return {c: _rms(r[number == i]) for i, c in enumerate(problem.channels)}
-
-
-def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str], steps: Sequence[Step]) -> Unknown:
-    """What is known of the unknown: the first stand-in's curve, or where the gate's most telling force law points."""
-    if not stand_in:
-        law = next((t.law for t in gate.tests if t.law), ("heave", "surge"))
-        return Unknown.of(*law)
-    f, name = chosen.fit, stand_in[0]
-    table = f.model.effects[name]
-    count = int(table["knots"])
-    u = table["start"] + np.linspace(0, count - 1, 400) * table["step"]
-    shapes = basis(u, table["start"], table["step"], count)
-    force = shapes @ np.array(table["values"])
-    mine = f.structure.tables[name]
-    scale = f.structure.scale[mine]
-    covariance = f.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
-    band = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shapes, covariance, shapes), 0.0))
-    return Unknown.of(name.removeprefix("stand_in_"), VARIABLES[int(table["variable"])], u, force, band)
-
-
-def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:
-    """Every candidate of every round along the path that was taken."""
-    found = []
-    names = list(root.names)
-    for step in [n for n in chosen.names if n not in root.names]:
-        parent = search.part(chosen, names)
-        screened = search.screened(parent)
-        thresholds = {s.candidate.name: s.candidate.threshold(len(screened)) for s in screened}
-        round_: list[Rival] = []
-        for key, t in search.trials.items():
-            added = key - frozenset(names)
-            if len(added) == 1 and key > frozenset(names):
-                name = next(iter(added))
-                f = t.fit
-                own = {n: v for n, v in f.values.items() if n.startswith(f"{name}.") and "values[" not in n}
-                deviations = f.deviations
-                fall = parent.chi2 - t.chi2
-                round_.append(
-                    Rival(
-                        name, tuple(names), fall, thresholds.get(name, np.nan), own, {n: deviations[n] for n in own}, None, name == step,
-                        _words(name == step, t, parent, search), where_won(search.problem, parent.fit, f),
-                    )  # fmt: skip
-                )
-        tried = {r.name for r in round_}
-        found += sorted(round_, key=lambda r: -r.chi2_fall)
-        found += [_passed_over(s, names, thresholds) for s in screened if s.candidate.name not in tried]
-        names.append(step)
-    return tuple(found)
-
-
-def _passed_over(screened: Screened, beside: Sequence[str], thresholds: Mapping[str, float]) -> Rival:
-    """A candidate that promised too little to be refitted: its fall in χ² is the one to first order."""
-    name = screened.candidate.name
-    words = "not refitted: to first order others explain far more"
-    return Rival(name, tuple(beside), screened.promise, thresholds[name], words=words, refitted=False)
-
-
-def _words(chosen: bool, trial: Trial, parent: Trial, search: Search) -> str:
-    """For and against a candidate, in a sentence."""
-    left = trial.fit.reduced_chi2
-    part = (parent.chi2 - trial.chi2) / max(parent.chi2 - min(t.chi2 for t in search.trials.values()), 1e-9)
-    if part < 0:
-        return f"makes it worse: χ² per sample {left:.3g}"
-    if chosen:
-        return f"explains {100 * part:.0f} % of what can be explained; χ² per sample falls to {left:.3g}"
-    return f"explains {100 * part:.0f} %; leaves χ² per sample at {left:.3g}"
-
-
-def where_won(problem: Problem, before: Fit, after: Fit) -> dict[str, dict[str, float]]:
-    """Where the fall in χ² was won: parts by run, and by stretch of speed and gap and by contact."""
-    gains, speed, gap = [], [], []
-    by_run = {}
-    for i, (data, a, b) in enumerate(zip(problem.runs, before.linear, after.linear, strict=True)):
-        fall = np.nan_to_num(a.residual**2 - b.residual**2)
-        by_run[data.run.name] = float(fall.sum())
-        out = problem.simulate(after.structure, i, after.theta[None], after.states[i][None])[0]
-        gains.append(fall)
-        speed.append(out[data.row, INDEX["surge_rate"]])
-        gap.append(out[data.row, 8:11].min(axis=1))
-    g, v, h = np.concatenate(gains), np.nan_to_num(np.concatenate(speed)), np.nan_to_num(np.concatenate(gap))
-    total = g.sum() or 1.0
-    where = {"run": {n: x / total for n, x in by_run.items()}, "speed": {}, "gap": {}}
-    edges = np.unique(np.round(np.quantile(v, [0, 0.25, 0.5, 0.75, 1]), 1))
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
-        where["speed"][f"{low:g}–{high:g} m/s"] = float(g[(v >= low) & (v <= high)].sum() / total)
-    edges = np.unique(np.round(1e3 * np.quantile(h, [0, 0.25, 0.5, 0.75, 1]), 1))
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
-        where["gap"][f"{low + 0:g}–{high + 0:g} mm"] = float(g[(1e3 * h >= low) & (1e3 * h <= high)].sum() / total)
-    where["contact"] = {"touching": float(g[h < 0].sum() / total), "free": float(g[h >= 0].sum() / total)}
-    return where
-
-
-def _limits(search: Search, chosen: Trial) -> tuple[Limit, ...]:
-    """The smallest size of each effect with one parameter that would have been found in nine of ten such campaigns."""
-    limits = []
-    for s in search.screened(chosen):
-        structure = chosen.fit.structure.plus(s.candidate.name, s.candidate.starts[0] if s.candidate.starts else {})
-        first = len(chosen.fit.structure.free)
-        if len(structure.free) == first or s.candidate.starts[0] and s.candidate.name != WAVES:  # no size, or none near nothing
-            continue
-        declared, scale = structure.declarations[first], structure.scale[first]
-        size = (np.sqrt(s.candidate.threshold(len(search.screened(chosen)))) + 1.28) * s.deviation
-        if s.candidate.name == WAVES:
-            value = float(size)
-        else:
-            neutral = 0.0 if np.isinf(declared.default) else declared.to_fit(declared.default)
-            value = declared.from_fit(neutral + size * scale) - (declared.default if declared.fit_as == "x" else 0.0)
-        limits.append(Limit(s.candidate.name, structure.free[first].rpartition(".")[2], declared.unit, float(value)))
-    return tuple(sorted(limits, key=lambda x: x.name))
-
-
-def traces_of(search: Search, full: Trial, root: Trial, new: Sequence[str]) -> tuple[RunTraces, ...]:
-    """Predictions of each subset of the effects found, refitted, for the report's switches."""
-    problem = search.problem
-    subsets = [tuple(n for j, n in enumerate(new) if mask >> j & 1) for mask in range(2 ** len(new))]
-    fits = {subset: search.part(full, (*root.names, *subset)).fit for subset in subsets}
-    traces = []
-    for i, data in enumerate(problem.runs):
-        predicted = {}
-        for subset, f in fits.items():
-            out = problem.simulate(f.structure, i, f.theta[None], f.states[i][None])
-            read = problem.predict(f.structure, i, f.theta[None], out)[0]
-            predicted[subset] = {c: _column(data, read, k) for k, c in enumerate(problem.channels) if c in data.run.channels}
-        measured = {c: data.run[c] for c in data.run.channels}
-        traces.append(RunTraces(data.run.name, data.run.driven, data.run.times, measured, predicted))
-    return tuple(traces)
-
-
-def _column(data, read: np.ndarray, channel: int) -> np.ndarray:
-    column = np.full(len(data.run.times), np.nan)
-    mine = data.channel == channel
-    column[np.searchsorted(data.run.times, data.time[mine])] = read[mine]
-    return column
-
+def _undetermined(base: Fit) -> tuple[str, ...]:
+    """Free parameters that the data say nothing about: their deviation is that of the prior."""
+    prior = 1.0 / np.sqrt(np.diag(base.structure.precision))
+    deviation = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
+    return tuple(n for n, d, p in zip(base.structure.free, deviation, prior, strict=True) if d > UNDETERMINED * p)

@@ -14,14 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import InputError
+from ..core.model import Model
 from ..core.state import GAPS, INDEX, STATES
 from ..data.measurement import Run
-from ..estimation.fit import Fit, fit, fit_from_scratch
+from ..estimation import fit as deterministic
 from ..estimation.problem import Problem, lay_out
+from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
-from .race import Trial
+from .moves import State, Task
 from .result import Proposal, Unknown
-from .search import Search
 
 SPEEDS = (12.0, 16.0, 20.0, 26.0, 34.0, 42.0)
 CURRENTS = (0.0, 3500.0, 7000.0)
@@ -33,25 +34,25 @@ ENOUGH = 8.0
 
 
 def propose(
-    search: Search, chosen: Trial, twins: Mapping[str, tuple[str, ...]], unknown: Unknown | None, undetermined: Sequence[str]
+    task: Task, chosen: Fit, state: State, unknown: Unknown | None, undetermined: Sequence[str]
 ) -> tuple[str | None, Proposal | None]:
     """The next run in words, and in numbers where it is one of the menu; None where none helps.
 
     ``undetermined`` parameters, which the runs so far say nothing about, would be free to fit the next one.
     """
-    rivals = _rival_trials(search, chosen, twins)
+    rivals, twins = state.rival_fits, state.twins
     if not rivals:
         return (None if unknown is None else _look_closer(unknown)), None
 
     def tried(run: tuple) -> Proposal | None:
         *shape, contact = run
-        if (made := _made(search, chosen, *shape, contact)) is None:
+        if (made := _made(task.problem, chosen.model, *shape, contact)) is None:
             return None
-        return Proposal(*shape, {n: _separation(*made, t, undetermined) for n, t in rivals.items()})
+        return Proposal(*shape, {n: _separation(*made, f, undetermined) for n, f in rivals.items()})
 
     best, most = None, 0.0
     for contact, duration, current, offsets in product((False, True), DURATIONS, CURRENTS, OFFSETS):  # the gentlest first
-        found = search.map(tried, [(speed, current, offsets, duration, contact) for speed in SPEEDS])
+        found = task.workers.map(tried, [(speed, current, offsets, duration, contact) for speed in SPEEDS])
         for proposal in [p for p in found if p is not None]:
             if (apart := min(proposal.sigmas.values())) > most:
                 best, most = proposal, apart
@@ -65,19 +66,8 @@ def propose(
     return f"{best.words}: sets apart {gains}", best
 
 
-def _rival_trials(search: Search, chosen: Trial, twins: Mapping[str, tuple[str, ...]]) -> dict[str, Trial]:
-    found = {}
-    for name, others in twins.items():
-        parent = frozenset(n for n in chosen.names if n != name)
-        for other in others:
-            if (key := parent | {other}) in search.trials:
-                found[other] = search.trials[key]
-    return found
-
-
-def _made(search: Search, chosen: Trial, speed, current, offsets, duration, contact: bool) -> tuple[Problem, np.ndarray] | None:
+def _made(problem: Problem, model: Model, speed, current, offsets, duration, contact: bool) -> tuple[Problem, np.ndarray] | None:
     """A run of the menu as the chosen model has it, and its exact start; None where it is not to be had with (without) contact."""
-    model, problem = chosen.fit.model, search.problem
     start = model.initial_state(surge_rate=speed, drive_current=current)
     for i, offset in zip((INDEX["heave"], INDEX["sway"], INDEX["roll"]), offsets, strict=True):
         start[i] += offset
@@ -99,17 +89,16 @@ def _made(search: Search, chosen: Trial, speed, current, offsets, duration, cont
     return single, exact
 
 
-def _separation(single: Problem, start: np.ndarray, rival: Trial, undetermined: Sequence[str]) -> float:
+def _separation(single: Problem, start: np.ndarray, rival: Fit, undetermined: Sequence[str]) -> float:
     """√χ² that a rival is left with on a run, after refitting the initial state and, as far as the runs so far leave room, its parameters."""
-    f = rival.fit
-    prior = f.structure.knowing(f.theta, f.covariance, undetermined)
+    prior = rival.structure.knowing(rival.theta, rival.covariance, undetermined)
     theta = prior.centre
 
-    def left(g: Fit) -> float:
+    def left(g: deterministic.Fit) -> float:
         return float(np.sqrt(max(g.chi2 + prior.surprise(g.theta), 0.0)))
 
-    near = left(fit(single, prior, [start], theta, iterations=10, tolerance=0.1))
-    return near if near < ENOUGH else min(near, left(fit_from_scratch(single, prior, theta)))  # it may only have been stuck
+    near = left(deterministic.fit(single, prior, [start], theta, iterations=10, tolerance=0.1))
+    return near if near < ENOUGH else min(near, left(deterministic.fit_from_scratch(single, prior, theta)))  # it may only have been stuck
 
 
 def _read(problem: Problem, model, start: np.ndarray) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,19 +16,33 @@ from ..estimation.kalman import LinearRun
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.shooting import ANEW, FIRST_POWER, NO_POWER, Fit, Point, fit, linearise_all, weigh
+from ..workers import Cluster, Threads
 from . import background
 from .screening import Candidate, CandidateSet, Law, Screening, names, screen
 from .settings import LEVEL, LOOK_STEPS, NEAR, REFIT_STEPS, REFITTED, SHAKEN, TWINS
 
 
+class OutOfTime(Exception):
+    """The time that a diagnosis may take is used up."""
+
+
 @dataclass(frozen=True)
 class Task:
-    """What is searched: the problem, channels whose noise is given, findings of the look at the data, and who hears of progress."""
+    """What is searched: the problem, channels whose noise is given, findings of the look at the data, who hears of progress, and until
+    when (`time.monotonic`) there is time."""
 
     problem: Problem
     given: tuple[str, ...] = ()
     hints: tuple[Finding, ...] = ()
     tell: Callable[[str], None] = lambda _: None
+    workers: Threads | Cluster = field(default_factory=Threads)
+    until: float = np.inf
+
+    def say(self, text: str) -> None:
+        """Tell what is done next. Raises `OutOfTime` where there is no time for it."""
+        if time.monotonic() > self.until:
+            raise OutOfTime
+        self.tell(text)
 
 
 @dataclass(frozen=True)
@@ -40,6 +55,9 @@ class State:
     log: tuple[str, ...] = ()
     rounds: tuple[tuple[tuple[str, ...], Screening], ...] = ()
     freedom: tuple[tuple[str, float], ...] = ()  # what that of each force of any shape costs
+    twins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by effect, what the data cannot tell from it
+    rival_fits: Mapping[str, Fit] = field(default_factory=dict)  # the fits with those in its place
+    stopped: str = ""  # why the search was broken off; empty where it was not
 
     def cost(self, task: Task) -> float:
         """The deviance and what chance would have taken off it."""
@@ -82,6 +100,7 @@ def lean(task: Task, state: State) -> State:
 
 def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: int = LOOK_STEPS) -> State:
     """The state with a set of known effects, beside the background that suits it, after a few steps."""
+    task.say(" + ".join([*state.added, *(m.name for m in found.members)]))
     problem, structure, theta, paths = task.problem, state.fit.structure, state.fit.theta, state.fit.paths
     for member in found.members:
         structure = structure.plus(member.name, member.start)
@@ -94,7 +113,7 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
     new = fit(problem, structure, Point(theta, paths, beside.power, beside.processes, state.fit.touching), steps)
     labels = " + ".join(m.name for m in found.members)
     price = state.price + sum(m.price(family) for m in found.members)
-    grown = State(new, (*state.added, *(m.name for m in found.members)), price, state.log, state.rounds, state.freedom)
+    grown = replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
     return grown.told(f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})")
 
 
@@ -109,6 +128,7 @@ def settled(task: Task, state: State) -> State:
 
 def with_law(task: Task, state: State, law: Law) -> State:
     """The state with a force of any shape as a table."""
+    task.say(f"any force in {law.acts_on} on {law.variable}")
     old = state.fit.structure
     values = {
         "variable": float(VARIABLES.index(law.variable)), "start": law.start, "step": law.step,
@@ -119,7 +139,8 @@ def with_law(task: Task, state: State, law: Law) -> State:
     theta = np.concatenate([state.fit.theta, law.table.values / structure.scale[len(state.fit.theta) :]])
     new = fit(task.problem, structure, replace(state.fit.point, theta=theta), REFIT_STEPS)
     freedom = (*state.freedom, (law.name, law.table.occam))
-    grown = State(new, (*state.added, law.name), state.price + law.table.occam + law_price(), state.log, state.rounds, freedom)
+    price = state.price + law.table.occam + law_price()
+    grown = replace(state, fit=new, added=(*state.added, law.name), price=price, freedom=freedom)
     return grown.told(f"any force in {law.acts_on} on {law.variable}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (gain {law.gain:.0f})")
 
 
@@ -132,7 +153,7 @@ def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:
     new = fit(task.problem, structure, replace(f.point, theta=f.theta[kept], power=power), REFIT_STEPS)
     price = state.price - _share(task, state, name)
     freedom = tuple(f for f in state.freedom if f[0] != name)
-    return State(new, tuple(n for n in state.added if n != name), price, state.log, state.rounds, freedom)
+    return replace(state, fit=new, added=tuple(n for n in state.added if n != name), price=price, freedom=freedom)
 
 
 def surely_needed(task: Task, state: State, name: str) -> bool:
@@ -157,6 +178,7 @@ def _share(task: Task, state: State, name: str) -> float:
 
 def rivals(task: Task, state: State, name: str) -> list[State]:
     """States with another known effect in the place of one, refitted where they come near; cheapest first."""
+    task.say(f"what could stand in the place of {name}")
     problem, smaller = task.problem, without(task, state, name, ANEW)
     systems = linearise_all(problem, smaller.fit)
     screening = screen(problem, smaller.fit, systems, background.backgrounds(problem, smaller.fit, task.given, systems))

@@ -35,6 +35,21 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Test:
+    """One test of what an answer leaves: its name, statistic, degrees of freedom and log p-value if it were the only one."""
+
+    name: str
+    statistic: float
+    dof: int
+    log_p: float
+
+    @property
+    def p_value(self) -> float:
+        """The p-value itself, 0 where it underflows."""
+        return math.exp(self.log_p)
+
+
+@dataclass(frozen=True)
 class Rival:
     """One candidate in one round of the search.
 
@@ -141,6 +156,7 @@ class RunTraces:
 
 
 INTERRUPTED = "interrupted before the search was over: this is the best set found until then"
+OUT_OF_TIME = "the time allowed was used up before the search was over: this is the best set found until then"
 
 
 @dataclass(frozen=True)
@@ -167,11 +183,17 @@ class Diagnosis:
     traces: tuple[RunTraces, ...] = ()
     proposal: Proposal | None = None
     seconds: float = 0.0
+    log: tuple[str, ...] = ()
 
     @property
     def interrupted(self) -> bool:
-        """Whether the search was broken off: what was found is then only the best until then."""
+        """Whether the search was broken off by the user: what was found is then only the best until then."""
         return INTERRUPTED in self.notes
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether the search was broken off for any reason."""
+        return self.interrupted or OUT_OF_TIME in self.notes
 
     def to_json(self) -> dict[str, Any]:
         """The content of ``diagnosis.json``: the contract's keys, and beside them notes, limits, rivals and noise."""
@@ -197,6 +219,7 @@ class Diagnosis:
                 "proposal": None if self.proposal is None else self.proposal.to_json(),
                 "findings": [f.to_json() for f in self.findings],
                 "notes": list(self.notes),
+                "log": list(self.log),
                 "p_value": self.p_value,
                 "noise_std": {c: {"value": v, "given": c in self.noise_given} for c, v in self.noise.items()},
                 "limits": {x.name: {"parameter": x.parameter, "value": x.size, "unit": x.unit} for x in self.limits},

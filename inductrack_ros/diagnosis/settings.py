@@ -19,3 +19,9 @@ REFIT_STEPS, LOOK_STEPS = 12, 5
 SHAKEN = 9.5
 #: Intervals of a force's table: for all laws, and for laws along the track and in time, which may change often.
 COARSE, MEDIUM, FINE = 8, 24, 120
+#: A limit is the size that this part of such campaigns would have shown.
+POWER = 0.9
+#: Gauss–Newton steps of the first fit.
+FIRST_STEPS = 40
+#: A free parameter whose deviation is this part of its prior's is one that the data say nothing about.
+UNDETERMINED = 0.1

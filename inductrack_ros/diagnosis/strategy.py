@@ -11,9 +11,9 @@ from dataclasses import replace
 
 from ..estimation.shooting import linearise_all
 from . import background
-from .moves import State, Task, law_price, lean, refitted, rivals, settled, shaken, surely_needed, with_law, without
+from .moves import OutOfTime, State, Task, law_price, lean, refitted, rivals, settled, shaken, surely_needed, with_law, without
 from .screening import laws, screen
-from .settings import NEAR, REFITTED, ROUNDS
+from .settings import NEAR, REFITTED, ROUNDS, TWINS
 
 Stage = Callable[[Task, State], State]
 
@@ -21,8 +21,20 @@ Stage = Callable[[Task, State], State]
 def search(task: Task, state: State) -> State:
     """The state with everything that the data say is missing."""
     for name, stage in STAGES:
-        task.tell(name)
-        state = stage(task, state)
+        try:
+            state = _repeated(task, state, name, stage)
+        except (KeyboardInterrupt, OutOfTime) as stop:
+            return replace(state, stopped="interrupted" if isinstance(stop, KeyboardInterrupt) else "out of time")
+    return state
+
+
+def _repeated(task: Task, state: State, name: str, stage: Stage) -> State:
+    """A stage as long as it changes what is added."""
+    for _ in range(ROUNDS):
+        task.say(name)
+        before, state = state, stage(task, state)
+        if state.added == before.added:
+            break
     return state
 
 
@@ -34,33 +46,30 @@ def add_background(task: Task, state: State) -> State:
 
 
 def add_known(task: Task, state: State) -> State:
-    """Add the set of known effects that explains most, round by round, as long as it takes off more than chance would.
+    """Add the set of known effects that explains most, where it takes off more than chance would.
 
     A force of any shape that promises far less cost than any known set comes first, for the known would only imitate it.
     """
-    for _ in range(ROUNDS):
-        systems = linearise_all(task.problem, state.fit)
-        lacking = shaken(task, state, systems)
-        beside = background.backgrounds(task.problem, state.fit, task.given, systems)
-        screening = screen(task.problem, state.fit, systems, beside, wavy=bool(lacking))
-        state = replace(state, rounds=(*state.rounds, (state.added, screening)))
-        plain, best = screening.scores.plain, next(iter(screening.sets), None)
-        if lacking and not state.stands_in:
-            law = next(iter(laws(task.problem, state.fit, systems, lacking)), None)
-            if law and law.gain > law_price() and (best is None or plain - law.gain + law_price() < best.cost - NEAR):
-                new = with_law(task, state, law)
-                if new.cost(task) < state.cost(task):
-                    state = add_background(task, new)
-                    continue
-        if best is None or best.cost > plain:
-            return state.told("no known effect explains more than chance would")
-        tried = [s for s in screening.sets[:REFITTED] if s.cost < min(best.cost + NEAR, plain)]
-        found = min((refitted(task, state, s, screening.family) for s in tried), key=lambda s: s.cost(task))
-        found = settled(task, found)
-        if found.cost(task) > state.cost(task):
-            return state.told(f"{' + '.join(found.added)} promises more than it keeps")
-        state = add_background(task, found)
-    return state
+    systems = linearise_all(task.problem, state.fit)
+    lacking = shaken(task, state, systems)
+    beside = background.backgrounds(task.problem, state.fit, task.given, systems)
+    screening = screen(task.problem, state.fit, systems, beside, wavy=bool(lacking))
+    state = replace(state, rounds=(*state.rounds, (state.added, screening)))
+    plain, best = screening.scores.plain, next(iter(screening.sets), None)
+    if lacking and not state.stands_in:
+        law = next(iter(laws(task.problem, state.fit, systems, lacking)), None)
+        if law and law.gain > law_price() and (best is None or plain - law.gain + law_price() < best.cost - NEAR):
+            new = with_law(task, state, law)
+            if new.cost(task) < state.cost(task):
+                return add_background(task, new)
+    if best is None or best.cost > plain:
+        return state.told("no known effect explains more than chance would")
+    tried = [s for s in screening.sets[:REFITTED] if s.cost < min(best.cost + NEAR, plain)]
+    found = min((refitted(task, state, s, screening.family) for s in tried), key=lambda s: s.cost(task))
+    found = settled(task, found)
+    if found.cost(task) > state.cost(task):
+        return state.told(f"{' + '.join(found.added)} promises more than it keeps")
+    return add_background(task, found)
 
 
 def add_unknown(task: Task, state: State) -> State:
@@ -87,14 +96,19 @@ def prune(task: Task, state: State) -> State:
 
 
 def exchange(task: Task, state: State) -> State:
-    """Put another effect in the place of one where that explains more: the first were chosen while the later were still missing."""
-    if state.stands_in or len(state.added) < 2:
-        return state
-    for name in state.added:
-        other = next(iter(rivals(task, state, name)), None)
-        if other is not None and other.cost(task) < state.cost(task):
-            return exchange(task, other.told(f"instead of {name}"))
-    return state
+    """Put another effect in the place of one where that explains more: the first were chosen while the later were still missing.
+
+    Those that explain as much are twins: the data cannot tell them apart.
+    """
+    twins, fits = {}, {}
+    for name in [n for n in state.added if not n.startswith("stand_in")]:
+        others = rivals(task, state, name)
+        if others and others[0].cost(task) < state.cost(task) and not state.stands_in:
+            return others[0].told(f"{others[0].added[-1]} instead of {name}")
+        close = [o for o in others if o.fit.deviance < state.fit.deviance + TWINS]
+        twins[name] = tuple(o.added[-1] for o in close)
+        fits |= {o.added[-1]: o.fit for o in close}
+    return replace(state, twins={n: t for n, t in twins.items() if t}, rival_fits=fits)
 
 
 STAGES: tuple[tuple[str, Stage], ...] = (

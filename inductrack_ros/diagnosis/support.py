@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..core.errors import InputError
 from ..data.campaign import Campaign
-from ..estimation.fit import Fit, fit
 from ..estimation.problem import Problem
-from .gate import Gate
+from ..estimation.shooting import Fit
 
 #: Fewer samples of all channels than this support no diagnosis.
 FEWEST_SAMPLES = 60
@@ -18,8 +17,8 @@ FEWEST_SAMPLES = 60
 FEW_RUNS = 3
 #: Speeds within this part of each other count as one.
 ONE_SPEED = 0.05
-#: χ² over degrees of freedom up to which runs count as fitted when they are fitted apart.
-FITS = 1.15
+#: A run of which this part touches the track is one in contact.
+ALL_TOUCHING = 0.9
 
 
 def inspect(campaign: Campaign) -> list[str]:
@@ -61,39 +60,11 @@ def undetermined(names: Sequence[str], base: Fit) -> list[str]:
     return [f"{n} cannot be determined from these runs; it stays at {base.structure.model.parameters.get(n, float('nan')):g}" for n in names]
 
 
-def disagreeing(problem: Problem, base: Fit) -> list[str]:
-    """Names of the runs that, taken apart from the others, fit the model with parameters of their own; none if that does not help."""
-    if len(problem.runs) < FEW_RUNS or not base.structure.free:
-        return []
-    apart: list[int] = []
-    rest = list(range(len(problem.runs)))
-    while len(apart) < len(problem.runs) // 2:
-        inner = fit(problem.subset(rest), base.structure, [base.states[i] for i in rest], base.theta, iterations=10)
-        if inner.reduced_chi2 < FITS:
-            break
-        worst = int(np.argmax([np.nanmean(p.residual**2) for p in inner.linear]))
-        apart.append(rest.pop(worst))
-    else:
-        return []
-    if not apart:
-        return []
-    own = fit(problem.subset(apart), base.structure, [base.states[i] for i in apart], base.theta, iterations=10)
-    return [problem.runs[i].run.name for i in sorted(apart)] if own.reduced_chi2 < FITS else []
-
-
-def leftover(problem: Problem, final: Fit, given: Mapping[str, float], gate: Gate) -> list[str]:
-    """Notes on what the final fit shows: a large misfit, noise levels that do not fit, all-contact data."""
+def leftover(problem: Problem, final: Fit) -> list[str]:
+    """Notes on what the final fit shows: one that did not settle, data from contact alone."""
     notes = []
-    if final.rough:
-        notes.append(f"the runs still miss by {np.sqrt(final.reduced_chi2):.2g} times the noise: what is named is a lead, its size not to be relied on")
-    touching = [bool((problem.simulate(final.structure, i, final.theta[None], final.states[i][None])[0][:, 8:11].min(axis=1) < 0).mean() > 0.9) for i in range(len(problem.runs))]
-    if all(touching):
+    if not final.converged:
+        notes.append("the fit did not settle: what is named is a lead, its size not to be relied on")
+    if final.touching is not None and all(t.mean() > ALL_TOUCHING for t in final.touching):
         notes.append("the cradle touches the track in every run: lift and damping show little; runs that fly would show them")
-    if gate.adequate:
-        for c, channel in enumerate(problem.channels):
-            if channel in given:
-                r = np.concatenate([p.residual[(d.channel == c) & np.isfinite(p.residual)] for d, p in zip(problem.runs, final.linear, strict=True)])
-                ratio = float(np.sqrt(np.mean(r**2))) if r.size else 1.0
-                if not 0.9 < ratio < 1.1:
-                    notes.append(f"the noise of {channel} is {ratio:.2f} times the stated noise_std")
     return notes

@@ -16,12 +16,16 @@ from .kalman import LinearRun, Smoothed
 from .problem import Problem, RunData
 from .structure import Structure
 
-WHITE, COLOURED, HUM, JITTER, RUN_TO_RUN, IMPACT = "noise_differs", "coloured_noise", "hum", "time_jitter", "run_to_run", "impact"
+WHITE, COLOURED, HUM, JITTER, RUN_TO_RUN, IMPACT, ROUNDED = (
+    "noise_differs", "coloured_noise", "hum", "time_jitter", "run_to_run", "impact", "quantised"
+)  # fmt: skip
+#: Kinds that are there or not; their size is not sought.
+HELD = (IMPACT, ROUNDED)
 #: States that each kind adds to a run, and parameters that it has to be found.
-STATES = {WHITE: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0}
-FREEDOM = {WHITE: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0}
+STATES = {WHITE: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
+FREEDOM = {WHITE: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
 #: A process of this size is none: its share of the noise, s, share of a typical size.
-NONE = {WHITE: 1e-2, COLOURED: 1e-3, HUM: 1e-3, JITTER: 1e-7, RUN_TO_RUN: 1e-6, IMPACT: 1e-6}
+NONE = {WHITE: 1e-2, COLOURED: 1e-3, HUM: 1e-3, JITTER: 1e-7, RUN_TO_RUN: 1e-6, IMPACT: 1e-6, ROUNDED: 1e-6}
 #: The rates that an impact changes, and how fast each turns per m/s of it.
 STRUCK, STRUCK_BY = slice(5, 8), np.array([1.0, 1.0, 10.0])
 
@@ -31,7 +35,8 @@ class Process:
     """One process: its kind, the channel or free parameter it is ``on``, its size and its time.
 
     ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude), in s (jitter), in typical sizes
-    (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right to the last micrometre). ``time`` (s) is the correlation time of coloured noise and the period of a hum.
+    (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right to the last micrometre), of the share
+    of a rounding error that the model foretells (quantised, its step in ``time``). ``time`` (s) is the correlation time of coloured noise and the period of a hum.
     """
 
     kind: str
@@ -121,11 +126,23 @@ def _block(problem: Problem, structure: Structure, data: RunData, system: Linear
         H[mine, 0] = _rates(problem, data, system)[mine]
         kicks[:, 0] = p.size**2
         return _Block(H, F, coupling, kicks, p.size)
+    if p.kind == ROUNDED:
+        H[mine, 0] = _rounding(problem, data, system, p.time)[mine]
+        F[:, 0, 0] = 1.0
+        return _Block(H, F, coupling, kicks, p.size)
     k = 1 + structure.free.index(p.on)
     H[mine, 0] = -system.data[mine, k]
     F[:, 0, 0] = 1.0
     coupling[:, :, 0] = system.inputs[:, :, k]
     return _Block(H, F, coupling, kicks, p.size)
+
+
+def _rounding(problem: Problem, data: RunData, system: LinearRun, step: float) -> np.ndarray:
+    """What rounding to the readings' own grid would do to what is predicted, (m,), in its noise."""
+    sigma = problem.sigma[data.channel]
+    predicted = data.y - system.data[:, 0] * sigma
+    phase = data.y % step
+    return np.where(system.data[:, 0] != 0.0, (np.round((predicted - phase) / step) * step + phase - predicted) / sigma, 0.0)
 
 
 def _rates(problem: Problem, data: RunData, system: LinearRun) -> np.ndarray:
@@ -158,11 +175,13 @@ def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smooth
             for data, s in zip(problem.runs, smooth, strict=True):
                 result[:, k] += s.of_readings[:, data.channel == c].sum(axis=1)
         elif p.kind == IMPACT:
-            result[:, k] = 1.0  # held
+            result[:, k] = 1.0
         else:
             own = slice(at, at + STATES[p.kind])
             result[:, k] = sum(s.of_states[:, own].sum(axis=1) for s in smooth)
             at = own.stop
+        if p.kind in HELD:
+            result[:, k] = 1.0
     return result
 
 

@@ -1,0 +1,144 @@
+"""From where the search ended to what a `Diagnosis` says: rivals, limits, what is unknown, and the model of each set of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from scipy import stats
+
+from ..core.effects.stand_in import VARIABLES, basis
+from ..estimation.shooting import Fit, fit, linearise_all
+from . import background
+from .moves import State, Task, without
+from .result import Limit, Rival, Test, Unknown
+from .screening import WAVES, Screening, screen
+from .settings import POWER, REFIT_STEPS
+
+#: A standard deviation of this many typical sizes means that the data say nothing of an effect.
+NOTHING_SAID = 100.0
+#: Tests that a report lists.
+LISTED = 12
+
+
+def last_screening(task: Task, state: State) -> Screening:
+    """All candidates beside the answer."""
+    if state.rounds and state.rounds[-1][0] == state.added:
+        return state.rounds[-1][1]
+    systems = linearise_all(task.problem, state.fit)
+    return screen(task.problem, state.fit, systems, background.backgrounds(task.problem, state.fit, task.given, systems))
+
+
+def subsets(task: Task, state: State, base: Fit) -> dict[tuple[str, ...], Fit]:
+    """The fit of every subset of what was added, from none to all."""
+    found = {(): base, state.added: state.fit}
+    for size in range(1, len(state.added)):
+        for kept in combinations(state.added, size):
+            smaller = state
+            for name in [n for n in state.added if n not in kept]:
+                smaller = without(task, smaller, name, 1e-4)
+            found[kept] = smaller.fit
+    return found
+
+
+def settled_base(task: Task, state: State, base: Fit) -> Fit:
+    """The model as it was, beside what log and rig do in the answer."""
+    if base.processes == state.fit.processes or not state.added:
+        return base if state.added else state.fit
+    return fit(task.problem, base.structure, replace(base.point, processes=state.fit.processes), REFIT_STEPS)
+
+
+def rivals_of(state: State, where: Mapping[str, Mapping[str, Mapping[str, float]]]) -> tuple[Rival, ...]:
+    """Every candidate of every round of the search, with the fall of the deviance that it promised."""
+    found = []
+    for k, (beside, screening) in enumerate(state.rounds):
+        after = state.rounds[k + 1][0] if k + 1 < len(state.rounds) else state.added
+        taken = [n for n in after if n not in beside]
+        if not taken:
+            continue
+        singles = [s for s in screening.sets if len(s.members) == 1]
+        best = max((screening.scores.plain - s.deviance for s in singles), default=1.0)
+        for s in sorted(singles, key=lambda s: s.deviance):
+            member, fall = s.members[0], screening.scores.plain - s.deviance
+            chosen = member.name in taken
+            own = {n: v for n, v in state.fit.values.items() if chosen and n.startswith(f"{member.name}.") and "[" not in n}
+            words = "chosen" if chosen else f"explains {100 * max(fall, 0.0) / max(best, 1e-9):.0f} % of what the best would"
+            found.append(
+                Rival(
+                    member.name, beside, fall, member.price(screening.family), own, {n: state.fit.deviations[n] for n in own}, None, chosen, words,
+                    where.get(member.name, {}) if chosen else {}, chosen,
+                )  # fmt: skip
+            )
+    return tuple(found)
+
+
+def limits_of(task: Task, state: State, screening: Screening) -> tuple[Limit, ...]:
+    """The smallest size of each effect with a size of its own that would have been found in `POWER` of such campaigns."""
+    structure, found = state.fit.structure, []
+    for label, candidate in screening.candidates.items():
+        e = screening.scores.expected([label])
+        if not e.size.size or candidate.start and candidate.name != WAVES:
+            continue
+        deviation = float(np.sqrt(max(e.covariance[0, 0], 0.0)))
+        if not 0.0 < deviation < NOTHING_SAID:
+            continue
+        size = (np.sqrt(candidate.price(screening.family)) + stats.norm.ppf(POWER)) * deviation
+        wide = structure.plus(candidate.name, candidate.start)
+        first = len(structure.free)
+        if len(wide.free) == first:
+            continue
+        declared, scale = wide.declarations[first], wide.scale[first]
+        neutral = 0.0 if candidate.name == WAVES or np.isinf(declared.default) else declared.to_fit(declared.default)
+        value = declared.from_fit(neutral + size * scale) - (declared.default if declared.fit_as == "x" else 0.0)
+        found.append(Limit(candidate.name, wide.free[first].rpartition(".")[2], declared.unit, float(value)))
+    best: dict[str, Limit] = {}
+    for limit in found:
+        best.setdefault(limit.name, limit)
+    return tuple(sorted(best.values(), key=lambda x: x.name))
+
+
+def tests_of(screening: Screening) -> tuple[tuple[Test, ...], float]:
+    """The score tests of all candidates beside the answer, most telling first, and the p-value of the first, all counted."""
+    tests = []
+    for label in screening.candidates:
+        e = screening.scores.expected([label])
+        fall, dof = screening.scores.plain - e.deviance, max(e.size.size, 1)
+        tests.append(Test(f"score of {label}", float(max(fall, 0.0)), dof, float(stats.chi2.logsf(max(fall, 0.0), dof))))
+    tests.sort(key=lambda t: t.log_p)
+    p = min(1.0, len(tests) * float(np.exp(tests[0].log_p))) if tests else 1.0
+    return tuple(tests[:LISTED]), p
+
+
+def unknown_of(state: State) -> Unknown | None:
+    """The curve of the force of any shape in an answer, with its 95 % band; None where there is none."""
+    name = next((n for n in state.added if n.startswith("stand_in")), None)
+    if name is None:
+        return None
+    f = state.fit
+    table, mine = f.model.effects[name], f.structure.tables[name]
+    count = int(table["knots"])
+    u = table["start"] + np.linspace(0, count - 1, 400) * table["step"]
+    shapes = basis(u, table["start"], table["step"], count)
+    scale = f.structure.scale[mine]
+    covariance = f.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
+    band = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shapes, covariance, shapes), 0.0))
+    variable = VARIABLES[int(table["variable"])]
+    return Unknown.of(name.removeprefix("stand_in_"), variable, u, shapes @ np.array(table["values"]), band)
+
+
+def sigma_found(task: Task, state: State, rounded: Mapping[str, float]) -> np.ndarray:
+    """Noise by channel (c,) as the answer has it: white and coloured together; that of rounded readings is their rounding."""
+    sigma = task.problem.sigma.copy()
+    for c, channel in enumerate(task.problem.channels):
+        parts = [p.size for p in state.fit.processes if p.on == channel and p.kind in (background.WHITE, background.COLOURED)]
+        if parts:
+            sigma[c] *= float(np.sqrt(np.sum(np.square(parts)) + (0.0 if _is_white(state, channel) else 1.0)))
+        if channel in rounded:
+            sigma[c] /= np.sqrt(background.ALIKE)
+    return sigma
+
+
+def _is_white(state: State, channel: str) -> bool:
+    return any(p.kind == background.WHITE and p.on == channel for p in state.fit.processes)

@@ -1,0 +1,129 @@
+"""How far fitted models miss, open loop: what the report shows of every step, and the error on runs left out of the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..core.state import INDEX
+from ..estimation import shooting
+from ..estimation.problem import Problem, RunData
+from ..estimation.processes import RUN_TO_RUN, STATES
+from ..estimation.shooting import Fit, Point, fit, linearise_all, settle
+from ..estimation.structure import Structure
+from .result import RunTraces, Step
+from .settings import REFIT_STEPS
+
+#: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
+LEFT_OUT = 4
+
+
+def predicted(problem: Problem, f: Fit) -> list[np.ndarray]:
+    """What every run would read (m,), simulated from its fitted start to its end; parameters that differ from run to run are its own."""
+    thetas = own_thetas(problem, f)
+
+    def one(i: int) -> np.ndarray:
+        out = problem.simulate(f.structure, i, thetas[i][None], f.states[i][None])
+        return problem.predict(f.structure, i, thetas[i][None], out)[0]
+
+    return problem.for_runs(one)
+
+
+def own_thetas(problem: Problem, f: Fit) -> list[np.ndarray]:
+    """Theta (g,) of every run: the fit's, and what differs from run to run beside it."""
+    if not any(p.kind == RUN_TO_RUN for p in f.processes):
+        return [f.theta] * len(problem.runs)
+    settled = settle(problem, f.structure, linearise_all(problem, f), f.point, 1)
+    found = []
+    for smooth in settled.smooth:
+        theta, at = f.theta.copy(), len(f.model.active_states)
+        for p in f.processes:
+            if p.kind == RUN_TO_RUN:
+                theta[f.structure.free.index(p.on)] += smooth.deviations[0, at]
+            at += STATES[p.kind]
+        found.append(theta)
+    return found
+
+
+def residuals(problem: Problem, f: Fit, sigma: np.ndarray) -> list[np.ndarray]:
+    """Open-loop errors of every run (m,) over a noise by channel (c,)."""
+    return [(d.y - p) / sigma[d.channel] for d, p in zip(problem.runs, predicted(problem, f), strict=True)]
+
+
+def step_of(problem: Problem, f: Fit, sigma: np.ndarray, shown: tuple[str, ...]) -> Step:
+    """Errors with a set of effects: on all runs, and on every fourth when the fit saw only the others."""
+    r = residuals(problem, f, sigma)
+    out = list(range(LEFT_OUT // 2, len(problem.runs), LEFT_OUT)) or [len(problem.runs) - 1]
+    seen = [i for i in range(len(problem.runs)) if i not in out]
+    held, by_channel = np.nan, {}
+    if seen:
+        inner = fit(problem.subset(seen), f.structure, _of_runs(f, seen), REFIT_STEPS // 2)
+        left, structure = problem.subset(out), Structure(inner.model, ())
+        point = _of_runs(f, out)
+        start = Point(np.empty(0), point.paths, point.power, tuple(p for p in point.processes if p.kind != RUN_TO_RUN), point.touching)
+        rest = residuals(left, fit(left, structure, start, REFIT_STEPS // 2), sigma)
+        held, by_channel = rms(np.concatenate(rest)), _by_channel(left, rest)
+    whole = rms(np.concatenate(r))
+    by_run = {d.run.name: rms(x) for d, x in zip(problem.runs, r, strict=True)}
+    return Step(shown, whole**2, held, _by_channel(problem, r), by_channel, by_run)
+
+
+def _of_runs(f: Fit, which: Sequence[int]) -> Point:
+    touching = tuple(f.touching[i] for i in which) if f.touching is not None else None
+    return Point(f.theta, tuple(f.paths[i] for i in which), f.power, f.processes, touching)
+
+
+def rms(r: np.ndarray) -> float:
+    """Root mean square of what is finite; NaN of nothing."""
+    r = r[np.isfinite(r)]
+    return float(np.sqrt(np.mean(r**2))) if r.size else float("nan")
+
+
+def _by_channel(problem: Problem, r: Sequence[np.ndarray]) -> dict[str, float]:
+    number = np.concatenate([d.channel for d in problem.runs])
+    whole = np.concatenate(r)
+    return {c: rms(whole[number == i]) for i, c in enumerate(problem.channels)}
+
+
+def where_won(problem: Problem, before: Fit, after: Fit, sigma: np.ndarray) -> dict[str, dict[str, float]]:
+    """Where the error fell: parts of the fall of its square by run, by stretch of speed and of gap, and by contact."""
+    first, last = residuals(problem, before, sigma), residuals(problem, after, sigma)
+    falls = [np.nan_to_num(a**2 - b**2) for a, b in zip(first, last, strict=True)]
+    total = sum(f.sum() for f in falls) or 1.0
+    speed = np.concatenate([path[d.row, INDEX["surge_rate"]] for d, path in zip(problem.runs, after.paths, strict=True)])
+    gap = np.concatenate([_gaps(problem, after, i)[d.row] for i, d in enumerate(problem.runs)])
+    fall = np.concatenate(falls)
+    stretches = {"speed": (speed, 1.0, "m/s"), "gap": (gap, 1e3, "mm")}
+    where: dict[str, dict[str, float]] = {"run": {d.run.name: float(f.sum() / total) for d, f in zip(problem.runs, falls, strict=True)}}
+    for name, (values, scale, unit) in stretches.items():
+        edges = np.unique(np.round(scale * np.quantile(values, [0, 0.25, 0.5, 0.75, 1]), 1))
+        inside = [(scale * values >= low) & (scale * values <= high) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+        labels = [f"{low + 0:g}–{high + 0:g} {unit}" for low, high in zip(edges[:-1], edges[1:], strict=True)]
+        where[name] = {label: float(fall[mine].sum() / total) for label, mine in zip(labels, inside, strict=True)}
+    where["contact"] = {"touching": float(fall[gap < 0].sum() / total), "free": float(fall[gap >= 0].sum() / total)}
+    return where
+
+
+def _gaps(problem: Problem, f: Fit, i: int) -> np.ndarray:
+    """The smallest gap (n,) along a run, m."""
+    outputs, _ = shooting.pieces(problem, f.structure, i, f.theta[None], np.zeros((1, f.paths[i].shape[1])), f.paths[i])
+    return np.nan_to_num(outputs[:, 0, 8:11]).min(axis=1)
+
+
+def traces_of(problem: Problem, fits: Mapping[tuple[str, ...], Fit]) -> tuple[RunTraces, ...]:
+    """Every run as measured and as each fitted set of effects predicts it, for the report's switches."""
+    every = {subset: predicted(problem, f) for subset, f in fits.items()}
+    traces = []
+    for i, data in enumerate(problem.runs):
+        read = {s: {c: _column(data, p[i], k) for k, c in enumerate(problem.channels) if c in data.run.channels} for s, p in every.items()}
+        measured = {c: data.run[c] for c in data.run.channels}
+        traces.append(RunTraces(data.run.name, data.run.driven, data.run.times, measured, read))
+    return tuple(traces)
+
+
+def _column(data: RunData, read: np.ndarray, channel: int) -> np.ndarray:
+    column = np.full(len(data.run.times), np.nan)
+    mine = data.channel == channel
+    column[np.searchsorted(data.run.times, data.time[mine])] = read[mine]
+    return column
