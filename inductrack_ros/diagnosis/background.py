@@ -15,7 +15,7 @@ from scipy import stats
 from ..checks import Finding
 from ..estimation.kalman import LinearRun
 from ..estimation.problem import Problem
-from ..estimation.processes import COLOURED, FREEDOM, HELD, HUM, IMPACT, JITTER, RUN_TO_RUN, ROUNDED, WHITE, Process
+from ..estimation.processes import COLOURED, FREEDOM, HELD, HUM, IMPACT, JITTER, LOOSE, RUN_TO_RUN, ROUNDED, WHITE, Process
 from ..estimation.scores import Background
 from ..estimation.shooting import Fit, Point, Settled, fit, linearise_all, settle
 from .settings import LEVEL, REFIT_STEPS
@@ -52,7 +52,7 @@ class Tried:
 def processes_at_first(problem: Problem, given: Sequence[str], hints: Sequence[Finding] = ()) -> tuple[Process, ...]:
     """Those of every fit: contact is never exact, noise that is not ``given`` has to be found, and rounding is not noise alone."""
     rounded = tuple(Process(ROUNDED, h.channel, 1.0, h.size["step"]) for h in hints if h.kind == ROUNDED and h.channel in problem.channels)
-    touch = (Process(IMPACT, size=0.1),) if problem.model.parameters["contact_stiffness"] else ()
+    touch = (Process(IMPACT, size=LOOSE),) if problem.model.parameters["contact_stiffness"] else ()
     return touch + rounded + tuple(Process(WHITE, c) for c in problem.channels if c not in given)
 
 

@@ -26,6 +26,9 @@ STATES = {WHITE: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, RO
 FREEDOM = {WHITE: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
 #: A process of this size is none: its share of the noise, s, share of a typical size.
 NONE = {WHITE: 1e-2, COLOURED: 1e-3, HUM: 1e-3, JITTER: 1e-7, RUN_TO_RUN: 1e-6, IMPACT: 1e-6, ROUNDED: 1e-6}
+#: Size (m/s at each node) of an impact while a fit looks where the runs touch the track, and from then on: small enough that the normal
+#: force stays what the model says, for friction hangs on it; large enough that the nodes of a stiff contact find their place.
+LOOSE, TIGHT = 0.1, 5e-3
 #: The rates that an impact changes, and how fast each turns per m/s of it.
 STRUCK, STRUCK_BY = slice(5, 8), np.array([1.0, 1.0, 10.0])
 
@@ -188,6 +191,11 @@ def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smooth
 def resized(processes: Sequence[Process], variances: np.ndarray) -> tuple[Process, ...]:
     """The processes with other variances (p,)."""
     return tuple(replace(p, size=float(max(np.sqrt(v), NONE[p.kind]))) for p, v in zip(processes, variances, strict=True))
+
+
+def tightened(processes: Sequence[Process]) -> tuple[Process, ...]:
+    """The processes with impacts as they are once it is known where the runs touch the track."""
+    return tuple(replace(p, size=TIGHT) if p.kind == IMPACT else p for p in processes)
 
 
 def variances(processes: Sequence[Process]) -> np.ndarray:

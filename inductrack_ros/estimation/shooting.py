@@ -17,7 +17,7 @@ from ..core.effects.stand_in import basis
 from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
 from .kalman import Columns, Filtered, LinearRun, Smoothed, run_filter, run_smoother
-from .processes import Process, augmented, offsets, resized, told, variances
+from .processes import Process, augmented, offsets, resized, tightened, told, variances
 from .problem import GRID, STATE_PRIOR, Problem, RunData
 from .response import STATE_STEPS, VARIABLES, gap_geometry
 from .structure import Structure
@@ -501,7 +501,8 @@ def fit(problem: Problem, structure: Structure, point: Point | None = None, step
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
     point = Point(np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes))
     first = _descended(problem, structure, point, steps)
-    return _descended(problem, structure, replace(first.point, touching=tuple(s.touching for s in linearise_all(problem, first))), steps)
+    touching = tuple(s.touching for s in linearise_all(problem, first))
+    return _descended(problem, structure, replace(first.point, processes=tightened(first.processes), touching=touching), steps)
 
 
 def _descended(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
