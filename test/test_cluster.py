@@ -17,7 +17,7 @@ from inductrack_ros import workers as workers_module
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.deterministic import base_fit
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.estimation.ensemble import ensemble
 from inductrack_ros.workers import workers

@@ -9,7 +9,7 @@ from independent import campaigns
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data.campaign import load_campaign
-from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.deterministic import base_fit
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.diagnosis.unknown import stand_ins
 from inductrack_ros.estimation.anew import each_run_anew

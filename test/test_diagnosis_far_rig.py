@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.diagnose import base_fit, diagnose
+from inductrack_ros.diagnosis.deterministic import base_fit
+from inductrack_ros.diagnosis.diagnose import diagnose
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.diagnosis.seek import QUICK_FIRST
 

@@ -6,7 +6,7 @@ from test_diagnosis_input import simulated
 
 from inductrack_ros.core.effects.stand_in import ACTS_ON, basis
 from inductrack_ros.core.model import Model
-from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.deterministic import base_fit
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.diagnosis.signatures import VARIABLES
 from inductrack_ros.diagnosis.smooth import covering, smoothest

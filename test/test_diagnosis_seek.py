@@ -13,7 +13,7 @@ from inductrack_ros.data import load_campaign
 from inductrack_ros.data.campaign import Campaign
 from inductrack_ros.data.measurement import Run
 from inductrack_ros.diagnosis import seek, unknown
-from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.deterministic import base_fit
 from inductrack_ros.diagnosis.race import Trial
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.diagnosis.seek import (

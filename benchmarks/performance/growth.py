@@ -12,7 +12,7 @@ import numpy as np
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.deterministic import base_fit
 from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.estimation.ensemble import ensemble
 

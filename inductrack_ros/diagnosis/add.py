@@ -17,7 +17,7 @@ from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 from . import support
 from .candidates import Candidate
-from .diagnose import base_fit, step_of, traces_of, where_won
+from .deterministic import base_fit, step_of, traces_of, where_won
 from .race import Trial
 from .result import Diagnosis, Rival
 from .search import Search

@@ -15,7 +15,19 @@ from scipy import stats
 from ..checks import Finding
 from ..estimation.kalman import LinearRun
 from ..estimation.problem import Problem
-from ..estimation.processes import COLOURED, FREEDOM, HELD, HUM, IMPACT, JITTER, LOOSE, RUN_TO_RUN, ROUNDED, WHITE, Process
+from ..estimation.processes import (
+    COLOURED,
+    FREEDOM,
+    HELD,
+    HUM,
+    IMPACT,
+    JITTER,
+    LOOSE,
+    ROUNDED,
+    RUN_TO_RUN,
+    WHITE,
+    Process,
+)
 from ..estimation.scores import Background
 from ..estimation.shooting import Fit, Point, Settled, fit, linearise_all, settle
 from .settings import LEVEL, REFIT_STEPS

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,13 +18,13 @@ from ..estimation.problem import Problem
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
-from . import answer, background, errors, support
+from . import answer, background, deterministic, errors, support
 from .experiment import propose
 from .findings import findings, hidden_by
-from .moves import State, Task
+from .moves import State, Task, shaken
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
 from .settings import FIRST_STEPS, UNDETERMINED
-from .strategy import search
+from .strategy import add_background, search
 
 #: Why a search was broken off, as the notes say it.
 STOPPED = {"interrupted": INTERRUPTED, "out of time": OUT_OF_TIME}
@@ -49,9 +50,40 @@ def diagnose(
     problem, base, undetermined = base_fit(campaign, model, seen)
     notes += support.undetermined(undetermined, base)
     task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
-    state = search(task, State(base))
+    state = add_background(task, State(base))
+    if _exact_in_contact(task, state):
+        try:
+            told = deterministic.diagnose(campaign, model, lambda: _exact(task, search(task, state)), task.say, workers)
+            return replace(told, findings=tuple(seen), seconds=time.monotonic() - began)
+        except NotExact as shaky:
+            state = shaky.state
+    else:
+        state = search(task, state)
     notes += [STOPPED[state.stopped]] if state.stopped else []
     return _told(campaign, task, state, base, undetermined, notes, began)
+
+
+class NotExact(Exception):
+    """Something shakes the rig or spoils its log; the end of the search over nodes, which reckons with that, is in ``state``."""
+
+    def __init__(self, state: State):
+        super().__init__()
+        self.state = state
+
+
+def _exact(task: Task, state: State) -> State:
+    """The end of a search. Raises `NotExact` where a simulation from end to end cannot be exact."""
+    if state.stopped or not _exact_in_contact(task, state) or shaken(task, state):
+        raise NotExact(state)
+    return state
+
+
+def _exact_in_contact(task: Task, state: State) -> bool:
+    """Whether runs touch the track and their log does nothing besides, so that a simulation from end to end can be exact."""
+    touching = state.fit.touching is not None and any(t.any() for t in state.fit.touching)
+    besides = [p for p in state.fit.processes if p.kind not in background.HELD and not (p.kind == background.WHITE and p.on not in task.given)]
+    rounded = any(p.kind == background.ROUNDED for p in state.fit.processes)
+    return touching and not besides and not rounded
 
 
 def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float) -> Diagnosis:
@@ -70,7 +102,7 @@ def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined:
     experiment, proposal = None, None
     if state.twins or verdict == "unknown_effect":
         task.tell("which run would settle what is open")
-        experiment, proposal = propose(task, f, state, unknown, undetermined)
+        experiment, proposal = propose(problem, task.workers.map, f, state.rival_fits, state.twins, unknown, undetermined)
     found = findings(task, state)
     if swallowing := hidden_by(found):
         notes.append(f"{swallowing} can hide effects too: what would have shown is listed with that reckoned in")

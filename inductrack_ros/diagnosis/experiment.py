@@ -6,7 +6,7 @@ and its parameters within what is known of them, and what difference remains is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -21,7 +21,6 @@ from ..estimation import fit as deterministic
 from ..estimation.problem import Problem, lay_out
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
-from .moves import State, Task
 from .result import Proposal, Unknown
 
 SPEEDS = (12.0, 16.0, 20.0, 26.0, 34.0, 42.0)
@@ -34,25 +33,30 @@ ENOUGH = 8.0
 
 
 def propose(
-    task: Task, chosen: Fit, state: State, unknown: Unknown | None, undetermined: Sequence[str]
+    problem: Problem,
+    at_once: Callable[[Callable, Sequence], list],
+    chosen: Fit,
+    rivals: Mapping[str, Fit],
+    twins: Mapping[str, Sequence[str]],
+    unknown: Unknown | None,
+    undetermined: Sequence[str],
 ) -> tuple[str | None, Proposal | None]:
     """The next run in words, and in numbers where it is one of the menu; None where none helps.
 
     ``undetermined`` parameters, which the runs so far say nothing about, would be free to fit the next one.
     """
-    rivals, twins = state.rival_fits, state.twins
     if not rivals:
         return (None if unknown is None else _look_closer(unknown)), None
 
     def tried(run: tuple) -> Proposal | None:
         *shape, contact = run
-        if (made := _made(task.problem, chosen.model, *shape, contact)) is None:
+        if (made := _made(problem, chosen.model, *shape, contact)) is None:
             return None
         return Proposal(*shape, {n: _separation(*made, f, undetermined) for n, f in rivals.items()})
 
     best, most = None, 0.0
     for contact, duration, current, offsets in product((False, True), DURATIONS, CURRENTS, OFFSETS):  # the gentlest first
-        found = task.workers.map(tried, [(speed, current, offsets, duration, contact) for speed in SPEEDS])
+        found = at_once(tried, [(speed, current, offsets, duration, contact) for speed in SPEEDS])
         for proposal in [p for p in found if p is not None]:
             if (apart := min(proposal.sigmas.values())) > most:
                 best, most = proposal, apart

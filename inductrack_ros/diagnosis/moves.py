@@ -108,7 +108,7 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
         step = np.zeros(len(begin)) if member.start else found.sizes[member.label][: len(begin)]
         theta = np.clip(np.concatenate([theta, begin + step]), *structure.bounds)
         if not state.fit.model.carries_states and structure.model.carries_states:
-            paths = tuple(problem.for_runs(lambda i, s=structure: columns.carried(problem, s, i, paths[i])))
+            paths = tuple(problem.for_runs(lambda i, s=structure, p=paths: columns.carried(problem, s, i, p[i])))
     beside = found.background
     new = fit(problem, structure, Point(theta, paths, beside.power, beside.processes, state.fit.touching), steps)
     labels = " + ".join(m.name for m in found.members)

@@ -5,7 +5,7 @@ Then a backward pass takes out what is not needed, and effects are exchanged for
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +13,9 @@ import numpy as np
 from ..estimation.fit import NOISE_TOLERANCE
 from .candidates import visible
 from .gate import Gate
-from .proposal import propose
+from .moves import OutOfTime
 from .race import Trial
-from .result import INTERRUPTED
+from .result import INTERRUPTED, OUT_OF_TIME
 from .search import QUICK_LATER, Search
 from .unknown import localised, penalised, stand_ins
 
@@ -41,19 +41,23 @@ FAR = 10.0
 CLOSE = 60.0
 
 
-def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = None) -> tuple[Trial, Gate]:
+def find(
+    search: Search, root: Trial, notes: list[str], consult: Callable[[Search, Trial], Trial | None], answer: Trial | None = None
+) -> tuple[Trial, Gate]:
     """The set of effects that is the answer, and what the gate says of it; an interruption goes to ``notes``.
 
-    ``answer`` is that under a larger noise: what failed then fails now, so that nothing else is sought if it passes again.
+    ``consult`` is asked for a proposal where no single effect leaves noise. ``answer`` is that under a larger noise: what failed then
+    fails now, so that nothing else is sought if it passes again.
     """
     try:
         root, gate = search.judged(root)
-        chosen, found_gate = (root, gate) if gate.adequate else answer and _passing(search, [answer]) or _proposed(search, root) or _seek(search, root)
-    except KeyboardInterrupt:  # what was finished is kept; a second Ctrl-C ends it
-        search.tell("interrupted: reporting what was found so far")
+        chosen, found_gate = (root, gate) if gate.adequate else answer and _passing(search, [answer]) or _seek(search, root, consult)
+    except (KeyboardInterrupt, OutOfTime) as stop:  # what was finished is kept; a second Ctrl-C ends it
+        search.tell = lambda _: None  # there is no time left that could run out
         chosen = search.finish(_cheapest(search, search.trials.values()))
         found_gate = search.gate(chosen)
-        notes.append(INTERRUPTED)
+        notes.append(INTERRUPTED if isinstance(stop, KeyboardInterrupt) else OUT_OF_TIME)
+        return chosen, found_gate
     if len(chosen.names) > len(root.names) + 1:
         chosen, found_gate = search.judged(_prune(search, chosen))
     if chosen.stands_in and found_gate.adequate:
@@ -62,25 +66,20 @@ def find(search: Search, root: Trial, notes: list[str], answer: Trial | None = N
         better, better_gate = search.judged(_exchanged(search, chosen))
         if better_gate.adequate or not found_gate.adequate:
             chosen, found_gate = better, better_gate
-    if found_gate.doubtful and not chosen.stands_in and INTERRUPTED not in notes:
+    if found_gate.doubtful and not chosen.stands_in:
         notes.append(f"the tests find something left (p = {found_gate.smallest:.2g}), but nothing tried explains it better than chance would")
         found_gate = replace(found_gate, adequate=True)
     search.trials[frozenset(chosen.names)] = chosen  # whatever else was found with the same effects
     return chosen, found_gate
 
 
-def _proposed(search: Search, root: Trial) -> tuple[Trial, Gate] | None:
-    """What multiple shooting proposes for runs by pulses, where that leaves nothing but noise."""
-    if all(data.averaged for data in search.problem.runs):
-        return None
-    proposal = propose(search, root)
-    return _passing(search, [proposal]) if proposal else None
-
-
-def _seek(search: Search, root: Trial) -> tuple[Trial, Gate]:
+def _seek(search: Search, root: Trial, consult: Callable[[Search, Trial], Trial | None]) -> tuple[Trial, Gate]:
     """The cheapest set of effects that leaves noise; with a stand-in in it where nothing known does."""
     singles = _grown(search, root, QUICK_FIRST)
     if passing := _passing(search, singles):
+        return passing
+    proposal = consult(search, root)
+    if proposal is not None and (passing := _passing(search, [proposal])):
         return passing
     tried, first = [root], _first_effects(search, root, singles)
     unknown_first = not (_points_to_known(search, singles[0] if singles else root) or _two_explain(search, root))

@@ -11,7 +11,20 @@ from dataclasses import replace
 
 from ..estimation.shooting import linearise_all
 from . import background
-from .moves import OutOfTime, State, Task, law_price, lean, refitted, rivals, settled, shaken, surely_needed, with_law, without
+from .moves import (
+    OutOfTime,
+    State,
+    Task,
+    law_price,
+    lean,
+    refitted,
+    rivals,
+    settled,
+    shaken,
+    surely_needed,
+    with_law,
+    without,
+)
 from .screening import laws, screen
 from .settings import NEAR, REFITTED, ROUNDS, TWINS
 
@@ -19,7 +32,7 @@ Stage = Callable[[Task, State], State]
 
 
 def search(task: Task, state: State) -> State:
-    """The state with everything that the data say is missing."""
+    """The state with everything that the data say is missing; what log and rig do besides was looked for before (`add_background`)."""
     for name, stage in STAGES:
         try:
             state = _repeated(task, state, name, stage)
@@ -112,7 +125,6 @@ def exchange(task: Task, state: State) -> State:
 
 
 STAGES: tuple[tuple[str, Stage], ...] = (
-    ("what log and rig do besides", add_background),
     ("known effects", add_known),
     ("a force of any shape", add_unknown),
     ("what is not needed", prune),

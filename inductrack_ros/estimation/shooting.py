@@ -17,8 +17,8 @@ from ..core.effects.stand_in import basis
 from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
 from .kalman import Columns, Filtered, LinearRun, Smoothed, run_filter, run_smoother
-from .processes import Process, augmented, offsets, resized, tightened, told, variances
 from .problem import GRID, STATE_PRIOR, Problem, RunData
+from .processes import Process, augmented, offsets, resized, tightened, told, variances
 from .response import STATE_STEPS, VARIABLES, gap_geometry
 from .structure import Structure
 

@@ -1,4 +1,9 @@
-"""The whole diagnosis: fit first, is anything missing, which effect, how sure, what would settle it."""
+"""The diagnosis of runs that touch the track on a rig that nothing shakes: every run simulated from its start to its end.
+
+Contact is too stiff for nodes every few milliseconds: what a node's noise does to the normal force looks like friction. A simulation
+from end to end is exact there, and can be where log and rig do nothing besides. What `strategy` found is judged first.
+It goes once impacts are condensed into one piece of a trajectory.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ..core.effects.stand_in import basis
 from ..core.errors import InputError
@@ -22,8 +26,9 @@ from . import support
 from .candidates import WAVES, Screened
 from .experiment import propose
 from .gate import Gate
+from .moves import State
 from .race import Trial
-from .result import INTERRUPTED, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
+from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
 from .search import Search
 from .seek import CLOSE, find
 from .signatures import VARIABLES
@@ -32,28 +37,35 @@ from .signatures import VARIABLES
 TWINS = 6.6
 #: Noise that was not given and turns out below this part of what was estimated beside the misfit: the search is done again, at most so often.
 SHARPER, ROUNDS = 0.95, 3
+#: χ² over degrees of freedom up to which runs count as fitted when they are fitted apart.
+FITS = 1.15
 #: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
 LEFT_OUT = 4
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # the threads are ours: many small matrices at once
 def diagnose(
-    campaign: Campaign, model: Model, tell: Callable[[str], None] = lambda _: None, workers: Threads | Cluster | None = None
+    campaign: Campaign,
+    model: Model,
+    consult: Callable[[], State],
+    tell: Callable[[str], None] = lambda _: None,
+    workers: Threads | Cluster | None = None,
 ) -> Diagnosis:
-    """Diagnose a campaign against a model, whose effects (if any) are kept and refitted.
+    """Diagnose a campaign against a model. ``consult`` gives the end of the search over nodes, where no single effect leaves noise.
 
     ``tell`` hears what is being tried; ``workers`` do the refits. Raises `InputError` for a campaign that cannot be fitted at all.
     """
     began = time.monotonic()
     notes = support.inspect(campaign)
-    tell("fitting what is known")
+    tell("simulating the runs from end to end, for they touch the track")
     problem, base, undetermined = base_fit(campaign, model)
     notes += support.undetermined(undetermined, base)
-    search, answer = Search(problem, base, tell, workers), None
+    search = Search(problem, base, tell, workers)
+    root = search.trials[frozenset(base.structure.effects)]
+    answer = None
     for _ in range(ROUNDS):
-        chosen, found_gate = find(search, search.trials[frozenset(base.structure.effects)], notes, answer)
+        chosen, found_gate = find(search, search.trials[frozenset(base.structure.effects)], notes, lambda s, r: _proposed(s, r, consult()), answer)
         sigma = noise.from_residuals(problem, [p.residual for p in chosen.fit.linear], campaign.noise_std)
-        if INTERRUPTED in notes or (sigma > SHARPER * problem.sigma).all():
+        if {INTERRUPTED, OUT_OF_TIME} & {*notes} or (sigma > SHARPER * problem.sigma).all():
             break
         tell("the noise is smaller than it seemed beside the misfit: once more")
         problem = problem.with_sigma(sigma)
@@ -65,7 +77,7 @@ def diagnose(
     stand_in = [n for n in new if n.startswith("stand_in")]
     effects = tuple(n for n in new if n not in stand_in)
     verdict = "adequate" if not new and found_gate.adequate else "missing_effect" if found_gate.adequate and not stand_in else "unknown_effect"
-    twins = _twins(search, chosen, effects)
+    f, twins = chosen.fit, _twins(search, chosen, effects)
     tell("how well it predicts runs left out")
     path = [tuple(new[:k]) for k in range(len(new) + 1)]
     steps = tuple(step_of(search, search.part(chosen, (*root.names, *p)), p) for p in path)
@@ -73,15 +85,15 @@ def diagnose(
     experiment, proposal = None, None
     if twins or verdict == "unknown_effect":
         tell("which run would settle what is open")
-        experiment, proposal = propose(search, chosen, twins, unknown, undetermined)
-    if verdict == "unknown_effect" and (odd := support.disagreeing(problem, base)):
+        rivals = {o: search.trials[(frozenset(chosen.names) - {n}) | {o}].fit for n, others in twins.items() for o in others}
+        experiment, proposal = propose(search.problem, search.map, f, rivals, twins, unknown, undetermined)
+    if verdict == "unknown_effect" and (odd := disagreeing(problem, base)):
         notes.append(
             f"runs disagree: {', '.join(odd)} and the others each fit the model alone, with other values of {', '.join(base.structure.free)}; "
             "was the rig changed between them?"
         )
         experiment = f"repeat one of {', '.join(odd)} and one of the others without touching the rig in between, or diagnose them apart"
-    notes += support.leftover(problem, chosen.fit, campaign.noise_std, found_gate)
-    f = chosen.fit
+    notes += leftover(problem, chosen.fit, campaign.noise_std, found_gate)
     deviations = f.deviations
     held = [f.structure.free[k] for k in f.structure.held]
     notes += [f"{n} is held at {f.values[n]:.4g} as given: the change of the thrust is relative to that, and only their product shows" for n in held]
@@ -106,6 +118,17 @@ def diagnose(
         proposal=proposal,
         seconds=time.monotonic() - began,
     )
+
+
+def _proposed(search: Search, root: Trial, state: State) -> Trial | None:
+    """The end of the search over nodes as a trial, refitted from end to end; None where it found nothing."""
+    if not state.added:
+        return None
+    f = state.fit
+    refitted = fit(search.problem, f.structure, f.states, f.theta, settle=True)
+    trial = Trial(refitted, (*root.names, *state.added), True, dict(state.freedom))
+    search.keep(trial)
+    return trial
 
 
 def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ...]]:
@@ -325,3 +348,40 @@ def _column(data, read: np.ndarray, channel: int) -> np.ndarray:
     column[np.searchsorted(data.run.times, data.time[mine])] = read[mine]
     return column
 
+
+def disagreeing(problem: Problem, base: Fit) -> list[str]:
+    """Names of the runs that, taken apart from the others, fit the model with parameters of their own; none if that does not help."""
+    if len(problem.runs) < support.FEW_RUNS or not base.structure.free:
+        return []
+    apart: list[int] = []
+    rest = list(range(len(problem.runs)))
+    while len(apart) < len(problem.runs) // 2:
+        inner = fit(problem.subset(rest), base.structure, [base.states[i] for i in rest], base.theta, iterations=10)
+        if inner.reduced_chi2 < FITS:
+            break
+        worst = int(np.argmax([np.nanmean(p.residual**2) for p in inner.linear]))
+        apart.append(rest.pop(worst))
+    else:
+        return []
+    if not apart:
+        return []
+    own = fit(problem.subset(apart), base.structure, [base.states[i] for i in apart], base.theta, iterations=10)
+    return [problem.runs[i].run.name for i in sorted(apart)] if own.reduced_chi2 < FITS else []
+
+
+def leftover(problem: Problem, final: Fit, given: Mapping[str, float], gate: Gate) -> list[str]:
+    """Notes on what the final fit shows: a large misfit, noise levels that do not fit, all-contact data."""
+    notes = []
+    if final.rough:
+        notes.append(f"the runs still miss by {np.sqrt(final.reduced_chi2):.2g} times the noise: what is named is a lead, its size not to be relied on")
+    touching = [bool((problem.simulate(final.structure, i, final.theta[None], final.states[i][None])[0][:, 8:11].min(axis=1) < 0).mean() > 0.9) for i in range(len(problem.runs))]
+    if all(touching):
+        notes.append("the cradle touches the track in every run: lift and damping show little; runs that fly would show them")
+    if gate.adequate:
+        for c, channel in enumerate(problem.channels):
+            if channel in given:
+                r = np.concatenate([p.residual[(d.channel == c) & np.isfinite(p.residual)] for d, p in zip(problem.runs, final.linear, strict=True)])
+                ratio = float(np.sqrt(np.mean(r**2))) if r.size else 1.0
+                if not 0.9 < ratio < 1.1:
+                    notes.append(f"the noise of {channel} is {ratio:.2f} times the stated noise_std")
+    return notes
