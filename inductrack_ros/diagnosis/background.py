@@ -40,6 +40,8 @@ STARTS = (1.0, 1e-3)
 ALIKE = 2.0
 #: Fewer runs say nothing of what differs from run to run.
 FEWEST_RUNS = 3
+#: Lags at which a memory of the noise shows, and the chance that a channel without one is suspected.
+LAGS, SUSPICION = (1, 2, 4, 8), 0.05
 #: Steps of a time in its logarithm, of a frequency in turns over a run, when it is looked for.
 TIME_STEP, TURN_STEP, LONGEST_STEP = 0.3, 0.1, 1.0
 
@@ -80,7 +82,7 @@ def improved(problem: Problem, f: Fit, given: Sequence[str], hints: Sequence[Fin
     while True:
         plain = linearise_all(problem, f)
         here = f.deviance + price(problem, given, f.processes)
-        tried = [_tried(problem, f, plain, given, (*f.processes, *more)) for more in families(problem, f, hints)]
+        tried = [_tried(problem, f, plain, given, (*f.processes, *more)) for more in families(problem, f, plain, hints)]
         best = min(tried, key=lambda t: t.cost, default=None)
         if best is None or best.cost > here:
             return f
@@ -95,7 +97,21 @@ def improved(problem: Problem, f: Fit, given: Sequence[str], hints: Sequence[Fin
         f = new
 
 
-def families(problem: Problem, f: Fit, hints: Sequence[Finding]) -> list[tuple[Process, ...]]:
+def remembering(problem: Problem, f: Fit, plain: Sequence[LinearRun]) -> set[str]:
+    """Channels whose neighbouring innovations are correlated more than chance makes them."""
+    whitened = settle(problem, f.structure, plain, f.point, 1).evidence.whitened
+    found = set()
+    for c, channel in enumerate(problem.channels):
+        parts = [w[d.channel == c] for d, w in zip(problem.runs, whitened, strict=True)]
+        pairs, power = sum(len(r) for r in parts), sum(float(r @ r) for r in parts)
+        products = [abs(sum(float(r[lag:] @ r[:-lag]) for r in parts if len(r) > lag)) for lag in LAGS]
+        limit = stats.norm.isf(SUSPICION / (2 * len(problem.channels) * len(LAGS))) * np.sqrt(max(pairs, 1))
+        if power and max(products) / (power / pairs) > limit:
+            found.add(channel)
+    return found
+
+
+def families(problem: Problem, f: Fit, plain: Sequence[LinearRun], hints: Sequence[Finding]) -> list[tuple[Process, ...]]:
     """Processes that could be there besides: those of one kind together, for they mostly come together."""
     have = {(p.kind, p.on) for p in f.processes}
     spacing = float(np.median(np.concatenate([np.diff(np.unique(d.time)) for d in problem.runs])))
@@ -103,11 +119,13 @@ def families(problem: Problem, f: Fit, hints: Sequence[Finding]) -> list[tuple[P
     hums = {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
     rounded = {h.channel for h in hints if h.kind == "quantised"}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
-    coloured = tuple(Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing)) for c in problem.channels if (COLOURED, c) not in have)
+    suspects = remembering(problem, f, plain) | set(memory)
+    coloured = tuple(Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing)) for c in problem.channels if c in suspects and (COLOURED, c) not in have)
     jitter = (Process(JITTER, size=0.1 * spacing),) if (JITTER, "") not in have else ()
     hum = tuple(Process(HUM, c, 1.0, t) for c, t in hums.items() if c in problem.channels and (HUM, c) not in have)
     free = [n for n in f.structure.free if "." not in n and (RUN_TO_RUN, n) not in have] if len(problem.runs) >= FEWEST_RUNS else []
-    found = [white, coloured + white if coloured else (), jitter, hum, *((Process(RUN_TO_RUN, n, 0.05),) for n in free)]
+    own = tuple(p for p in white if p.on in suspects)
+    found = [white, coloured + own if coloured else (), jitter, hum, *((Process(RUN_TO_RUN, n, 0.05),) for n in free)]
     return [one for one in found if one]
 
 
