@@ -193,9 +193,22 @@ def _compare(arguments: argparse.Namespace) -> None:
 # ---------------------------------------------------------------- diagnose
 
 
+def _seconds(text: str) -> float:
+    """A time that is allowed, s."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds; give a positive number")
+    return value
+
+
 def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     _campaign_arguments(parser)
     parser.add_argument("--scheduler", metavar="tcp://…", help="do the refits on the workers of this dask scheduler (default: here)")
+    parser.add_argument("--budget", metavar="SECONDS", type=_seconds, default=float("inf"), help="give the best answer found within this time (default: no limit)")
+    parser.add_argument("--explain", action="store_true", help="print every step of the search with its reason")
     parser.epilog = (
         "Fits the free parameters and every run's initial state, decides whether anything is missing, and if so which\n"
         "effect, how large, and what run would settle what these data leave open. A minute for a dozen runs; Ctrl-C\n"
@@ -207,19 +220,19 @@ def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
 def _diagnose(arguments: argparse.Namespace) -> None:
     campaign, model, findings = _load(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
-        from .checks import merged
         from .diagnosis.diagnose import diagnose
         from .reports.diagnosis_report import diagnosis_report
         from .reports.diagnosis_words import verdict
         from .workers import workers
 
         with progress() as tell, workers(arguments.scheduler) as hands:
-            result = diagnose(campaign, model, tell, hands)
-            result = replace(result, findings=merged(findings, result.findings))
+            result = diagnose(campaign, model, tell, hands, findings, arguments.budget)
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result, notes=campaign.notes), encoding="utf-8")
+    if arguments.explain:
+        print("\n".join(f"{number}. {line}" for number, line in enumerate(result.log, 1)))
     print(verdict(result))
-    if result.next_experiment and not result.interrupted:
+    if result.next_experiment and not result.unfinished:
         print(f"Next experiment: {result.next_experiment}")
     print(f"{Path(arguments.output) / 'report.html'}")
     if result.interrupted:

@@ -57,7 +57,7 @@ def test_a_still_complete_rig_is_the_deterministic_fit():
     for name, true in {"eta": 0.72, "gamma": 3.9}.items():
         assert abs(fit.values[name] - true) < 4 * fit.deviations[name]
     assert fit.deviations["eta"] < 1e-4
-    assert strategy.search(moves.Task(still, CHANNELS), moves.State(fit)).added == ()
+    assert strategy.search(moves.Task(still, tuple(NOISE)), moves.State(fit)).added == ()
 
 
 def test_a_shaken_rig_shows_its_power_and_lacks_nothing():
@@ -67,12 +67,12 @@ def test_a_shaken_rig_shows_its_power_and_lacks_nothing():
     found = np.sqrt(fit.power) * inertia
     assert found == pytest.approx(SHAKING, rel=0.35)
     assert set(moves.shaken(moves.Task(rig), moves.State(fit))) == {"surge", "sway", "heave", "roll"}
-    assert strategy.search(moves.Task(rig, CHANNELS), moves.State(fit)).added == ()
+    assert strategy.search(moves.Task(rig, tuple(NOISE)), moves.State(fit)).added == ()
 
 
 def test_a_missing_drag_is_found_and_leaves_nothing_shaken():
     rig = problem(np.zeros(4), seed=1, aerodynamic_drag__drag_area=0.06)
-    state = strategy.search(moves.Task(rig, CHANNELS), moves.State(fitted(rig)))
+    state = strategy.search(moves.Task(rig, tuple(NOISE)), moves.State(fitted(rig)))
     assert state.added == ("aerodynamic_drag",)
     value, std = (getattr(state.fit, x)["aerodynamic_drag.drag_area"] for x in ("values", "deviations"))
     assert abs(value - 0.06) < 4 * std

@@ -38,6 +38,8 @@ PASSES = 10
 STARTS = (1.0, 1e-3)
 #: Rounded readings count as if so many of them were one.
 ALIKE = 2.0
+#: Stamps further off than this part of the time between samples would come in the wrong order.
+MOST_JITTER = 0.3
 #: Fewer runs say nothing of what differs from run to run.
 FEWEST_RUNS = 3
 #: Lags at which a memory of the noise shows, and the chance that a channel without one is suspected.
@@ -121,7 +123,7 @@ def families(problem: Problem, f: Fit, plain: Sequence[LinearRun], hints: Sequen
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
     suspects = remembering(problem, f, plain) | set(memory)
     coloured = tuple(Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing)) for c in problem.channels if c in suspects and (COLOURED, c) not in have)
-    jitter = (Process(JITTER, size=0.1 * spacing),) if (JITTER, "") not in have else ()
+    jitter = (Process(JITTER, size=0.1 * spacing, most=MOST_JITTER * spacing),) if (JITTER, "") not in have else ()
     hum = tuple(Process(HUM, c, 1.0, t) for c, t in hums.items() if c in problem.channels and (HUM, c) not in have)
     free = [n for n in f.structure.free if "." not in n and (RUN_TO_RUN, n) not in have] if len(problem.runs) >= FEWEST_RUNS else []
     own = tuple(p for p in white if p.on in suspects)

@@ -79,10 +79,14 @@ def _exact(task: Task, state: State) -> State:
 
 
 def _exact_in_contact(task: Task, state: State) -> bool:
-    """Whether runs touch the track and their log does nothing besides, so that a simulation from end to end can be exact."""
+    """Whether runs touch the track and their log does nothing besides, so that a simulation from end to end can be exact.
+
+    Beside a stiff contact the nodes' fit alone does not prove coloured or larger noise: the look at the data has to see it too.
+    """
     touching = state.fit.touching is not None and any(t.any() for t in state.fit.touching)
-    besides = [p for p in state.fit.processes if p.kind not in background.HELD and not (p.kind == background.WHITE and p.on not in task.given)]
+    seen = {(h.kind, h.channel) for h in task.hints}
     rounded = any(p.kind == background.ROUNDED for p in state.fit.processes)
+    besides = [p for p in state.fit.processes if p.kind == background.RUN_TO_RUN or (p.kind, p.on or None) in seen]
     return touching and not besides and not rounded
 
 
@@ -90,7 +94,7 @@ def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined:
     """The diagnosis that the end of a search is."""
     problem, f = task.problem, state.fit
     effects = tuple(n for n in state.added if not n.startswith("stand_in"))
-    verdict = "unknown_effect" if state.stands_in else "missing_effect" if effects else "adequate"
+    verdict = "unknown_effect" if state.stands_in or state.stopped or state.far else "missing_effect" if effects else "adequate"
     unknown, screening = answer.unknown_of(state), answer.last_screening(task, state)
     sigma = answer.sigma_found(task, state, background.noise_of_rounding(task.hints))
     task.tell("how well it predicts runs left out")
@@ -106,7 +110,7 @@ def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined:
     found = findings(task, state)
     if swallowing := hidden_by(found):
         notes.append(f"{swallowing} can hide effects too: what would have shown is listed with that reckoned in")
-    notes += support.leftover(problem, f)
+    notes += support.leftover(problem, f, state.far)
     tests, p_value = answer.tests_of(screening)
     held = [f.structure.free[k] for k in f.structure.held]
     notes += [f"{n} is held at {f.values[n]:.4g} as given: the change of the thrust is relative to that, and only their product shows" for n in held]

@@ -58,9 +58,9 @@ def step_of(problem: Problem, f: Fit, sigma: np.ndarray, shown: tuple[str, ...])
     seen = [i for i in range(len(problem.runs)) if i not in out]
     held, by_channel = np.nan, {}
     if seen:
-        inner = fit(problem.subset(seen), f.structure, _of_runs(f, seen), REFIT_STEPS // 2)
+        inner = fit(problem.subset(seen), f.structure, of_runs(f, seen), REFIT_STEPS // 2)
         left, structure = problem.subset(out), Structure(inner.model, ())
-        point = _of_runs(f, out)
+        point = of_runs(f, out)
         start = Point(np.empty(0), point.paths, point.power, tuple(p for p in point.processes if p.kind != RUN_TO_RUN), point.touching)
         rest = residuals(left, fit(left, structure, start, REFIT_STEPS // 2), sigma)
         held, by_channel = rms(np.concatenate(rest)), _by_channel(left, rest)
@@ -69,7 +69,8 @@ def step_of(problem: Problem, f: Fit, sigma: np.ndarray, shown: tuple[str, ...])
     return Step(shown, whole**2, held, _by_channel(problem, r), by_channel, by_run)
 
 
-def _of_runs(f: Fit, which: Sequence[int]) -> Point:
+def of_runs(f: Fit, which: Sequence[int]) -> Point:
+    """Where a fit stands in some of the runs."""
     touching = tuple(f.touching[i] for i in which) if f.touching is not None else None
     return Point(f.theta, tuple(f.paths[i] for i in which), f.power, f.processes, touching)
 

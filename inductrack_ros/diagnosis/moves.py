@@ -57,6 +57,7 @@ class State:
     freedom: tuple[tuple[str, float], ...] = ()  # what that of each force of any shape costs
     twins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by effect, what the data cannot tell from it
     rival_fits: Mapping[str, Fit] = field(default_factory=dict)  # the fits with those in its place
+    far: bool = False  # more is missing than the search may add
     stopped: str = ""  # why the search was broken off; empty where it was not
 
     def cost(self, task: Task) -> float:

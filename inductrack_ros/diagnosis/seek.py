@@ -42,7 +42,11 @@ CLOSE = 60.0
 
 
 def find(
-    search: Search, root: Trial, notes: list[str], consult: Callable[[Search, Trial], Trial | None], answer: Trial | None = None
+    search: Search,
+    root: Trial,
+    notes: list[str],
+    answer: Trial | None = None,
+    consult: Callable[[Search, Trial], Trial | None] = lambda *_: None,
 ) -> tuple[Trial, Gate]:
     """The set of effects that is the answer, and what the gate says of it; an interruption goes to ``notes``.
 

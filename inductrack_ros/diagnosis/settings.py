@@ -25,3 +25,5 @@ POWER = 0.9
 FIRST_STEPS = 40
 #: A free parameter whose deviation is this part of its prior's is one that the data say nothing about.
 UNDETERMINED = 0.1
+#: Effects found one after the other at the most: a model that lacks more is too far from the rig for any of them to be sure.
+MOST_EFFECTS = 3

@@ -25,8 +25,8 @@ from .moves import (
     with_law,
     without,
 )
-from .screening import laws, screen
-from .settings import NEAR, REFITTED, ROUNDS, TWINS
+from .screening import CandidateSet, Screening, laws, screen
+from .settings import MOST_EFFECTS, NEAR, REFITTED, ROUNDS, TWINS
 
 Stage = Callable[[Task, State], State]
 
@@ -77,12 +77,22 @@ def add_known(task: Task, state: State) -> State:
                 return add_background(task, new)
     if best is None or best.cost > plain:
         return state.told("no known effect explains more than chance would")
-    tried = [s for s in screening.sets[:REFITTED] if s.cost < min(best.cost + NEAR, plain)]
+    if len(state.added) >= MOST_EFFECTS:
+        return replace(state.told(f"more than {MOST_EFFECTS} effects would be needed: the model is far from the rig"), far=True)
+    tried = promising(screening, plain)
     found = min((refitted(task, state, s, screening.family) for s in tried), key=lambda s: s.cost(task))
     found = settled(task, found)
     if found.cost(task) > state.cost(task):
         return state.told(f"{' + '.join(found.added)} promises more than it keeps")
     return add_background(task, found)
+
+
+def promising(screening: Screening, plain: float) -> list[CandidateSet]:
+    """The sets to refit: the best, those near to it, and the best single effect and pair, for first order flatters large sets far off."""
+    best = screening.sets[0].cost
+    near = [s for s in screening.sets[:REFITTED] if s.cost < min(best + NEAR, plain)]
+    smallest = [next((s for s in screening.sets if len(s.members) == size and s.cost < plain), None) for size in (1, 2)]
+    return near + [s for s in smallest if s is not None and s not in near]
 
 
 def add_unknown(task: Task, state: State) -> State:

@@ -60,11 +60,12 @@ def undetermined(names: Sequence[str], base: Fit) -> list[str]:
     return [f"{n} cannot be determined from these runs; it stays at {base.structure.model.parameters.get(n, float('nan')):g}" for n in names]
 
 
-def leftover(problem: Problem, final: Fit) -> list[str]:
-    """Notes on what the final fit shows: one that did not settle, data from contact alone."""
+def leftover(problem: Problem, final: Fit, far: bool) -> list[str]:
+    """Notes on what the final fit shows: one that did not settle or is ``far`` from the rig, data from contact alone."""
     notes = []
-    if not final.converged:
-        notes.append("the fit did not settle: what is named is a lead, its size not to be relied on")
+    if far or not final.converged:
+        why = "more is missing than could be found" if far else "the fit did not settle"
+        notes.append(f"{why}: what is named is a lead, its size not to be relied on")
     if final.touching is not None and all(t.mean() > ALL_TOUCHING for t in final.touching):
         notes.append("the cradle touches the track in every run: lift and damping show little; runs that fly would show them")
     return notes

@@ -39,13 +39,14 @@ class Process:
 
     ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude), in s (jitter), in typical sizes
     (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right to the last micrometre), of the share
-    of a rounding error that the model foretells (quantised, its step in ``time``). ``time`` (s) is the correlation time of coloured noise and the period of a hum.
+    of a rounding error that the model foretells (quantised, its step in ``time``); never above ``most``. ``time`` (s) is the correlation time of coloured noise and the period of a hum.
     """
 
     kind: str
     on: str = ""
     size: float = 1.0
     time: float = 0.0
+    most: float = np.inf
 
     @property
     def gone(self) -> bool:
@@ -190,7 +191,7 @@ def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smooth
 
 def resized(processes: Sequence[Process], variances: np.ndarray) -> tuple[Process, ...]:
     """The processes with other variances (p,)."""
-    return tuple(replace(p, size=float(max(np.sqrt(v), NONE[p.kind]))) for p, v in zip(processes, variances, strict=True))
+    return tuple(replace(p, size=float(min(max(np.sqrt(v), NONE[p.kind]), p.most))) for p, v in zip(processes, variances, strict=True))
 
 
 def tightened(processes: Sequence[Process]) -> tuple[Process, ...]:

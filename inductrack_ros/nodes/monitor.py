@@ -20,7 +20,17 @@ from ..monitoring.monitor import Monitor, Window
 from ..reports.words import sized
 from .diagnostics import PERIOD, Diagnostics
 from .overrides import Overrides
-from .parameters import Option, declare, effect_parameters, freedom, given, model_options, when_set, with_values, without_unknown
+from .parameters import (
+    Option,
+    declare,
+    effect_parameters,
+    freedom,
+    given,
+    model_options,
+    when_set,
+    with_values,
+    without_unknown,
+)
 from .qos import profile, publisher, subscribe
 from .runtime import NAMESPACE, every, run
 from .topics import fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of

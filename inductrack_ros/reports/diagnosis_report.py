@@ -312,6 +312,7 @@ def _model(result: Diagnosis) -> str:
         + markup("and the simulator node with <code>--params-file model.yaml</code>.</p>")
         + folded("Noise", noise)
         + (folded(f"Tests of what is left: together p = {number(result.p_value, 2)}", tests) if result.tests else "")
+        + (folded("How the search went", markup("<ol>{}</ol>", joined(markup("<li>{}</li>", line) for line in result.log))) if result.log else "")
     )
 
 

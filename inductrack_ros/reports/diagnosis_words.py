@@ -32,11 +32,12 @@ DEPENDS = {
 
 def verdict(result: Diagnosis) -> str:
     """The answer in one sentence."""
+    found = [_with_rivals(result, e) for e in result.effects if not is_stand_in(e)]
+    if result.unfinished:
+        why = "Interrupted" if result.interrupted else "Out of time"
+        return f"{why} while searching. Best found until then: {listed(found) or 'nothing yet'}."
     if result.verdict == "adequate":
         return "Nothing detectable is missing: what the model leaves is the sensors' noise."
-    found = [_with_rivals(result, e) for e in result.effects if not is_stand_in(e)]
-    if result.interrupted:
-        return f"Interrupted while searching. Best found until then: {listed(found) or 'nothing yet'}."
     if result.verdict == "missing_effect":
         return f"Missing: {listed(found)}. With {'it' if len(found) == 1 else 'them'}, what is left is noise."
     missing = f"Missing: {listed(found)}. "
