@@ -12,10 +12,13 @@ import pytest
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look, set_aside
 from inductrack_ros.checks.local import predictions
 from inductrack_ros.cli import main
+from inductrack_ros.compare import compare
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import CHANNELS
 from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
+from inductrack_ros.diagnosis.add import add_effect
+from inductrack_ros.diagnosis.diagnose import diagnose
 
 NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4, "surge_rate": 0.01, "sway_rate": 3e-3, "heave_rate": 3e-3, "roll_rate": 0.01}
 NOISE |= dict.fromkeys(("gap_top", "gap_right", "gap_left"), 3e-5) | dict.fromkeys(("surge_acceleration", "sway_acceleration", "heave_acceleration"), 0.05)
@@ -292,6 +295,16 @@ def test_a_constant_channel_says_so(pose, model):
     assert np.isnan(used.runs[2]["roll"]).all()
 
 
+def test_a_coarse_sensor_at_rest_is_not_called_dead(pose, model):
+    """Its step is wider than what it would see there."""
+    rng = np.random.default_rng(0)
+    calm = changed(pose, "heave", lambda y: -0.0053 + 1e-5 * rng.standard_normal(len(y)), "c")
+    used, findings = admit(changed(calm, "heave", lambda y: np.round(y, 3)), model)
+    (found,) = [f for f in findings if f.kind == "constant"]
+    assert (found.channel, found.severity) == ("heave", WARNING)
+    assert used.runs[2].measured.all()
+
+
 def test_a_saturated_and_a_stuck_sensor(pose, model):
     limit = float(np.quantile(pose.runs[0]["roll"], 0.8))
     assert ("saturated", "roll") in kinds(look(changed(pose, "roll", lambda y: np.minimum(y, limit)), model), WARNING)
@@ -424,6 +437,33 @@ def test_findings_stand_at_the_head_of_compare(pose, tmp_path, capsys):
     assert [f["kind"] for f in written["findings"]] == ["outliers"]
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.index("row 62") < page.index('<nav aria-label="Sections">')
+
+
+def calls():
+    """What holds a campaign against a model from Python, each with a function that hears the findings."""
+    return {
+        "compare": lambda campaign, model, hear: compare(campaign, model, hear),
+        "diagnose": lambda campaign, model, hear: diagnose(campaign, model, hear=hear),
+        "add": lambda campaign, model, hear: add_effect(campaign, model, "heave_damping", hear=hear),
+    }
+
+
+@pytest.mark.parametrize("name", ["compare", "diagnose", "add"])
+def test_from_python_the_same_is_refused_and_found(name, pose, model):
+    """The look is part of each call, not of the command line."""
+
+    class Heard(Exception):
+        """What was found; it ends the call before the fit."""
+
+    def hear(findings):
+        raise Heard(findings)
+
+    with pytest.raises(InputError, match="axis of one of them is flipped"):
+        calls()[name](changed(pose, "sway", lambda y: -y), model, hear)
+    spoiled = changed(pose, "heave", put((60, 0.045)), "b")
+    with pytest.raises(Heard) as heard:
+        calls()[name](spoiled, model, hear)
+    assert heard.value.args[0] == look(spoiled, model)
 
 
 def test_set_aside_leaves_the_campaign_itself_alone(pose, model):

@@ -23,7 +23,7 @@ def noises(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]
         spectral = spectrum.look(campaign, channel, about)
         findings += spectral
         stated = campaign.noise_std.get(channel)
-        if stated and about.noise > 0.0 and not any(f.kind == "coloured_noise" for f in spectral):
+        if stated and about.spread > 0.0 and about.noise > 0.0 and not any(f.kind == "coloured_noise" for f in spectral):
             findings += _differs(channel, stated, about)
     return findings
 

@@ -17,7 +17,7 @@ def sensors(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding
     """Findings about every channel's readings."""
     findings: list[Finding] = []
     for channel, about in channels.items():
-        if dead := _constant(campaign, channel):
+        if dead := _constant(campaign, channel, about):
             findings += dead
         else:
             findings += _flat(campaign, channel, about)
@@ -25,7 +25,7 @@ def sensors(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding
     return findings
 
 
-def _constant(campaign: Campaign, channel: str) -> list[Finding]:
+def _constant(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
     """A channel that never changes, in all runs or in some."""
     runs = [run for run in campaign.runs if channel in run.channels and len(run.samples(channel)[1]) > 2]
     still = [run for run in runs if np.ptp(run.samples(channel)[1]) == 0.0]
@@ -39,9 +39,13 @@ def _constant(campaign: Campaign, channel: str) -> list[Finding]:
         remedy = "leave the channel out" if stated else f"leave the channel out, or give noise_std: {{{channel}: …}} in campaign.yaml if it is truly at rest"
         # With a noise that is stated a channel at rest can be held against the model; what its noise is nobody can tell from it.
         return [Finding("constant", WARNING if stated else IMPOSSIBLE, text, remedy, channel, size={"value": value})]
-    text = f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other runs: {reason}"
+    size = {"value": value, "runs": len(still)}
+    text = f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other runs: "
+    if about.step >= about.noise:  # a sensor that is well reads so too where nothing moves by as much as its step
+        text += f"it is at rest there to its step of {quantity(channel, about.step)}, or the sensor is dead"
+        return [Finding("constant", WARNING, text, "leave the column out of a run where the sensor is dead", channel, size=size)]
     rows = {run.name: np.flatnonzero(~np.isnan(run[channel])) for run in still}
-    return [Finding("constant", SET_ASIDE, text, "", channel, samples=as_samples(rows), size={"value": value, "runs": len(still)})]
+    return [Finding("constant", SET_ASIDE, text + reason, "", channel, samples=as_samples(rows), size=size)]
 
 
 def _flat(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:

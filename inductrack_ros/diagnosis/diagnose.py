@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..checks import Finding, admit
 from ..core.effects.stand_in import basis
 from ..core.errors import InputError
 from ..core.model import Model
@@ -38,13 +39,20 @@ LEFT_OUT = 4
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # the threads are ours: many small matrices at once
 def diagnose(
-    campaign: Campaign, model: Model, tell: Callable[[str], None] = lambda _: None, workers: Threads | Cluster | None = None
+    campaign: Campaign,
+    model: Model,
+    tell: Callable[[str], None] = lambda _: None,
+    workers: Threads | Cluster | None = None,
+    hear: Callable[[tuple[Finding, ...]], None] = lambda _: None,
 ) -> Diagnosis:
     """Diagnose a campaign against a model, whose effects (if any) are kept and refitted.
 
-    ``tell`` hears what is being tried; ``workers`` do the refits. Raises `InputError` for a campaign that cannot be fitted at all.
+    ``tell`` hears what is being tried, ``hear`` what a look at the data finds; ``workers`` do the refits. Raises `InputError` for
+    data that cannot be meant as they are written, and for a campaign that cannot be fitted at all.
     """
     began = time.monotonic()
+    campaign, findings = admit(campaign, model)
+    hear(findings)
     notes = support.inspect(campaign)
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model)
@@ -99,6 +107,7 @@ def diagnose(
         limits=_limits(search, chosen),
         noise=dict(zip(problem.channels, problem.sigma.tolist(), strict=True)),
         noise_given=tuple(campaign.noise_std),
+        findings=findings,
         notes=tuple(notes),
         tests=found_gate.tests[:12],
         p_value=found_gate.p_scores,
