@@ -17,6 +17,7 @@ from inductrack_ros.core.effects import catalogue, load_effects
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.parameters import PARAMETERS as MODEL
 from inductrack_ros.nodes import interface_tables, monitor, play, record
+from inductrack_ros.nodes.launching import ARGUMENTS
 from inductrack_ros.nodes.parameters import MODEL_OPTIONS
 from inductrack_ros.nodes.sim import OWN
 from inductrack_ros.nodes.track_controller import DECLARED
@@ -105,9 +106,8 @@ def check_parameters(node: str, words: list[str]) -> None:
 def check_ros2(words: list[str], tables: str) -> None:
     if words[0] == "launch":
         assert words[1] == "inductrack_ros" and (ROOT / "launch" / words[2]).is_file()
-        module = ast.parse((ROOT / "launch" / words[2]).read_text())
-        table = next(n.value for n in module.body if isinstance(n, ast.Assign) and n.targets[0].id == "ARGUMENTS")
-        assert {w.partition(":=")[0] for w in words[3:]} <= {key.value for key in table.keys}
+        for name, _, value in (word.partition(":=") for word in words[3:]):
+            assert value in (ARGUMENTS[name].choices or [value])
     elif words[0] == "run":
         assert words[1] == "inductrack_ros"
         check(words[2:], tables)
