@@ -56,7 +56,7 @@ def load(
     path = folder / _MODULE
     fresh = not path.exists()
     with contextlib.suppress(OSError):
-        os.utime(path)  # what is used is kept
+        os.utime(folder)  # what is used is kept; not the file: older numba takes another age for another text
     if fresh:  # written aside and renamed, for two processes may start at once
         folder.mkdir(exist_ok=True)
         aside = folder / f"kernel.{os.getpid()}.tmp"
@@ -171,7 +171,7 @@ def prune(folder: Path) -> None:
     """Drop kernels that nobody has loaded for `KEPT_DAYS`."""
     for path in folder.glob(f"*/{_MODULE}"):
         with contextlib.suppress(OSError):  # another process may be at it
-            if path.stat().st_mtime < time.time() - KEPT_DAYS * 86400:
+            if path.parent.stat().st_mtime < time.time() - KEPT_DAYS * 86400:
                 shutil.rmtree(path.parent)
 
 
