@@ -28,12 +28,20 @@ PRACTICE = Path(__file__).parent / "data" / "practice"
 
 def measured(channels: tuple[str, ...] = POSE, count: int = 301, step: float = 2e-3, seed: int = 1) -> Campaign:
     """Three runs of the package's own model with white noise."""
+    model = Model.default()
+
+    def start(speed: float, sway: float) -> dict[str, float]:
+        return {"surge_rate": speed, "sway": sway, "roll": 3e-3, "heave": model.equilibrium_heave(speed) + 5e-4}
+
+    return flown([(7000.0, start(17.0, 3e-3)), (5000.0, start(22.0, -2e-3)), (3600.0, start(26.0, 2e-3))], channels, count, step, seed)
+
+
+def flown(starts: list[tuple[float, dict[str, float]]], channels: tuple[str, ...], count: int, step: float, seed: int = 1) -> Campaign:
+    """Runs named a, b, … of the package's own model with white noise, each from a drive current and states."""
     model, rng = Model.default(), np.random.default_rng(seed)
-    runs = []
-    for name, current, speed, sway in (("a", 7000.0, 17.0, 3e-3), ("b", 5000.0, 22.0, -2e-3), ("c", 3600.0, 26.0, 2e-3)):
-        times = np.arange(count) * step
-        start = model.initial_state(surge_rate=speed, sway=sway, roll=3e-3, heave=model.equilibrium_heave(speed) + 5e-4)
-        flight = model.simulate(times, start, current)
+    runs, times = [], np.arange(count) * step
+    for name, (current, states) in zip("abcdefgh", starts, strict=False):
+        flight = model.simulate(times, model.initial_state(**states), current)
         values = np.column_stack([flight[c] + NOISE[c] * rng.standard_normal(count) for c in channels])
         runs.append(Run(name, Path(f"{name}.csv"), channels, times, values, times, current))
     return Campaign("rig", Path("rig"), tuple(runs), {c: NOISE[c] for c in channels})
@@ -109,6 +117,49 @@ def test_a_kink_is_no_outlier_wherever_it_lies(slopes):
         a, b, c = predicted[:, 0]
         agree = min(abs(a - b), abs(a - c), abs(b - c))
         assert abs(values[6] - predicted[:, 0]).min() <= 3.0 * agree + 1e-9
+
+
+#: A crash, drops onto the track on its top and on its sides, bounces, and a run that only flies.
+IMPACTS = [
+    (0.0, {"surge_rate": 10.0, "heave": 4e-3, "sway": 2e-3, "roll": 0.02}),
+    (3000.0, {"surge_rate": 14.0, "sway": -3e-3, "heave": 5e-3}),
+    (7000.0, {"surge_rate": 18.0, "sway_rate": 0.8}),
+    (7000.0, {"surge_rate": 18.0, "heave_rate": -1.2}),
+    (7000.0, {"surge_rate": 20.0}),
+]
+POSE_AND_IMU = (*POSE, "surge_acceleration", "sway_acceleration", "heave_acceleration")
+
+
+@pytest.mark.parametrize("step", [5e-4, 2e-3, 5e-3, 2e-2])
+@pytest.mark.parametrize("channels", [tuple(CHANNELS), POSE_AND_IMU])
+def test_impacts_are_not_set_aside(channels, step, model):
+    """They last for samples, show in several channels at once, and look like spikes where they are sampled slowly."""
+    hit = flown(IMPACTS, channels, count=max(round(0.6 / step), 76), step=step)
+    assert [f.line for f in look(hit, model) if f.severity in (IMPOSSIBLE, SET_ASIDE)] == []
+
+
+def test_bad_cells_beside_impacts_are_set_aside_all_the_same(model):
+    """No contact throws a cradle so far from one sample to the next."""
+    hit = flown(IMPACTS, POSE_AND_IMU, count=301, step=2e-3)
+    touching = 20 + int(np.argmax(hit.runs[3]["heave_acceleration"][20:]))
+    for channel, size in (("heave", 0.05), ("roll", 0.5), ("heave_acceleration", 8e3)):
+        spoiled = changed(hit, channel, lambda y, s=size: y + s * (np.arange(len(y)) == touching), "d")
+        (found,) = [f for f in look(spoiled, model) if f.severity == SET_ASIDE]
+        assert (found.channel, found.samples) == (channel, {"d": (touching,)})
+
+
+def test_a_spike_of_an_accelerometer_away_from_the_track_is_set_aside(model):
+    calm = measured(POSE_AND_IMU)
+    spoiled = changed(calm, "sway_acceleration", put((150, 40.0)), "b")
+    (found,) = [f for f in look(spoiled, model) if f.severity == SET_ASIDE]
+    assert found.samples == {"b": (150,)}
+
+
+def test_the_one_run_that_swings_is_no_outlier_of_those_that_do_not(model):
+    """It goes fifty times as far as the others, and enters and leaves that range as a cradle does."""
+    still = [(7000.0, {"surge_rate": speed}) for speed in (17.0, 18.0, 19.0, 20.0, 21.0, 22.0)]
+    released = flown([*still, (7000.0, {"surge_rate": 18.0, "sway": 6e-3, "roll": 0.02})], POSE, count=301, step=2e-3)
+    assert {f.severity for f in look(released, model)} <= {"note"}
 
 
 # ---------------------------------------------------------------- units, signs and clocks
@@ -435,6 +486,16 @@ def test_findings_stand_at_the_head_of_compare(pose, tmp_path, capsys):
     assert told.out.startswith("The model predicts all 3 runs")
     written = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert [f["kind"] for f in written["findings"]] == ["outliers"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.index("row 62") < page.index('<nav aria-label="Sections">')
+
+
+def test_findings_stand_at_the_head_of_fit(pose, tmp_path, capsys):
+    spoiled = changed(pose, "heave", put((60, 0.045)), "b")
+    folder = write(tmp_path / "rig", replace(spoiled, runs=spoiled.runs[:2]))
+    assert main(["fit", str(folder), "--free", "eta", "--output", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().err.startswith("left out: heave in b.csv, row 62,")
+    assert [f["kind"] for f in json.loads((tmp_path / "out" / "fit.json").read_text())["findings"]] == ["outliers"]
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.index("row 62") < page.index('<nav aria-label="Sections">')
 

@@ -30,7 +30,7 @@ _CURRENTS = ((1e3, "kA"), (1e-3, "mA"))
 def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) -> list[Finding]:
     """Findings about units, signs and clocks that the model's own motion gives away; nothing where no reading explains what is off."""
     windows = windows_of(campaign, channels)
-    now, found = _by_range(channels, model, windows)
+    now, found = _by_range(campaign, channels, model, windows)
     if windows is None or any(f.kind == "zero" for f in found):
         return found or _backwards(campaign, model)
     left = misfits(windows, model, now)
@@ -60,19 +60,30 @@ def _factor(before: Reading, after: Reading) -> float:
 
 def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
     """All runs going backwards, where nothing lifts or drives."""
-    runs = [run.samples("surge") for run in campaign.runs if "surge" in run.channels]
-    speeds = [(y[-1] - y[0]) / (t[-1] - t[0]) for t, y in runs if len(t) > 1]
+    speeds = _speeds(campaign)
     if not stops(model) or not speeds or max(speeds) > -levels.MOVING:
         return []
     text = f"surge runs backwards in all runs, at up to {number(-min(speeds))} m/s, where nothing lifts or drives the cradle"
     return [Finding("axis_flipped", IMPOSSIBLE, text, "change the sign of surge; it grows along the travel", "surge", size={"candidates": ["surge"]})]
 
 
-def _by_range(channels: Mapping[str, Channel], model: Model, windows: Windows | None) -> tuple[Reading, list[Finding]]:
-    """What is outside of the room the track leaves, by far: in another unit, or measured from another zero."""
+def _speeds(campaign: Campaign) -> list[float]:
+    """Mean speed of each run whose surge is measured."""
+    runs = [run.samples("surge") for run in campaign.runs if "surge" in run.channels]
+    return [float((y[-1] - y[0]) / (t[-1] - t[0])) for t, y in runs if len(t) > 1]
+
+
+def _by_range(campaign: Campaign, channels: Mapping[str, Channel], model: Model, windows: Windows | None) -> tuple[Reading, list[Finding]]:
+    """What is outside of the room the track leaves, by far: in another unit, or measured from another zero. And speeds that nothing has."""
     now, found = Reading(), []
     if not stops(model):
         return now, found
+    speed = max(map(abs, _speeds(campaign)), default=0.0)
+    for factor, unit in _LENGTH:
+        if speed > levels.FASTEST > factor * speed > levels.MOVING:
+            found.append(_unit("surge", f"surge runs at {number(speed)} m/s", factor, unit, {"speed": speed}))
+            now = now.times("surge", factor)
+            break
     for channel, room in _room(model).items():
         about = channels.get(channel)
         if about is None or abs(about.middle) + about.spread < levels.OUTSIDE * room:

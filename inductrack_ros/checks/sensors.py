@@ -13,14 +13,14 @@ from .finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding, as_samples, number
 from .noise_found import Channel
 
 
-def sensors(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Findings about every channel's readings."""
+def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Findings about every channel's readings; ``calm`` is the campaign without samples at which the cradle may rest on the track."""
     findings: list[Finding] = []
     for channel, about in channels.items():
         if dead := _constant(campaign, channel, about):
             findings += dead
         else:
-            findings += _flat(campaign, channel, about)
+            findings += _flat(calm, channel, about)
         findings += _coarse(campaign, channel, about)
     return findings
 
