@@ -382,6 +382,24 @@ def test_noise_that_is_not_as_stated(factor, severity, pose, model):
     assert found.size["ratio"] == pytest.approx(1 / factor, rel=0.1)
 
 
+def test_a_variance_given_as_standard_deviation_is_named(pose, model):
+    (found, *_) = impossible(look(replace(pose, noise_std={c: NOISE[c] ** 2 for c in POSE}), model))
+    assert "not its square" in found.remedy
+
+
+def test_gravity_in_an_accelerometer_is_named(everything, model):
+    (found,) = impossible(look(changed(everything, "heave_acceleration", lambda y: y + 9.81), model))
+    assert (found.kind, found.channel) == ("zero", "heave_acceleration")
+    assert "subtract 9.81" in found.remedy
+
+
+def test_speeds_that_nothing_has_are_another_unit_also_on_the_track(model):
+    """No force tells the unit where the cradle touches throughout."""
+    touching = flown([(0.0, {"surge_rate": 9.0, "heave": -0.01})], POSE, count=151, step=2e-3)
+    found = impossible(look(replace(changed(touching, "surge", lambda y: 1e3 * y, "a"), noise_std={}), model))
+    assert [(f.kind, f.channel) for f in found] == [("unit", "surge")]
+
+
 def test_hum_and_colour(model):
     campaign = measured(count=601)
     times = campaign.runs[0].times

@@ -69,6 +69,8 @@ ALIKE = 0.9
 MOVING, FASTEST = 1.0, 300.0
 #: So many times the room that the track leaves is outside of it, whatever the sensors' zeros.
 OUTSIDE = 6.0
+#: An accelerometer's mean is gravity where it is that to this part of itself.
+UPRIGHT = 0.15
 #: A coordinate moves where it spans more than this many times its noise (noise alone spans 4.7 of them in 98 % of its samples).
 MOVES = 6.5
 #: Values of a run for each number that is free in it (its initial state), below which any model would fit.

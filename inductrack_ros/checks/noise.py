@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -42,8 +42,10 @@ def _differs(channel: str, stated: float, about: Channel, quiet: float) -> list[
     unit = UNITS[channel]
     text = f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} of the noise_std stated, {number(stated)} {unit}"
     if not 1 / levels.NOISE_IMPOSSIBLE < ratio < levels.NOISE_IMPOSSIBLE:
-        hint = meant(ratio, FACTORS)
+        hint = meant(ratio, FACTORS if unit.startswith("m") else [f for f in FACTORS if not f[1].startswith("cm")])
         remedy = f"is one of the two in {hint}?" if hint else "noise_std is in SI units; correct it, or leave it out to have it estimated"
+        if meant(stated / found**2, ((1.0, "its square"),)):
+            remedy = f"noise_std is the standard deviation, not its square: {number(found)}"
         return [Finding("noise_differs", IMPOSSIBLE, text, remedy, channel, size=size)]
     sure = levels.sigmas(1) * SCATTER / np.sqrt(about.count)
     if about.count < FEWEST or abs(np.log(ratio)) < max(np.log(levels.NOISE_DIFFERS), sure) or about.step:
@@ -51,7 +53,7 @@ def _differs(channel: str, stated: float, about: Channel, quiet: float) -> list[
     return [Finding("noise_differs", WARNING, text, f"correct noise_std: {{{channel}: …}}, or leave it out to have it estimated", channel, size=size)]
 
 
-def meant(ratio: float, factors: tuple[tuple[float, str], ...]) -> str:
+def meant(ratio: float, factors: Iterable[tuple[float, str]]) -> str:
     """The unit that a ratio near one of the factors, or its inverse, comes from; empty for none."""
     for factor, name in factors:
         if abs(abs(np.log(ratio)) - np.log(factor)) < np.log(levels.NEAR):

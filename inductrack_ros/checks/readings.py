@@ -31,7 +31,8 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
     """Findings about units, signs and clocks that the model's own motion gives away; nothing where no reading explains what is off."""
     windows = windows_of(campaign, channels)
     now, found = _by_range(campaign, channels, model, windows)
-    if windows is None or any(f.kind == "zero" for f in found):
+    found += _with_gravity(campaign, model)
+    if windows is None or any(f.kind == "zero" and f.channel in windows.values for f in found):
         return found or _backwards(campaign, model)
     left = misfits(windows, model, now)
     if not bad(left) and not found:
@@ -65,6 +66,20 @@ def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
         return []
     text = f"surge runs backwards in all runs, at up to {number(-min(speeds))} m/s, where nothing lifts or drives the cradle"
     return [Finding("axis_flipped", IMPOSSIBLE, text, "change the sign of surge; it grows along the travel", "surge", size={"candidates": ["surge"]})]
+
+
+def _with_gravity(campaign: Campaign, model: Model) -> list[Finding]:
+    """An accelerometer from whose readings what holds the cradle up was not taken off: on average no cradle falls or climbs like that."""
+    channel, gravity = "heave_acceleration", model.parameters["gravity"]
+    fall = float(np.sqrt(2.0 * _room(model)["heave"] / gravity)) if stops(model) else np.inf
+    runs = [run for run in campaign.runs if channel in run.channels and run.duration > 4 * fall and run.measured[:, run.channels.index(channel)].any()]
+    means = [float(np.nanmean(run[channel])) for run in runs]
+    if not means or abs(abs(float(np.median(means))) - gravity) > levels.UPRIGHT * gravity:
+        return []
+    mean = float(np.median(means))
+    text = f"{channel} is {number(mean)} m/s² on average, which is gravity: the cradle stays between the tracks"
+    remedy = f"subtract {number(np.copysign(gravity, mean))} m/s²; {channel} is the acceleration alone, 0 at rest"
+    return [Finding("zero", IMPOSSIBLE, text, remedy, channel, size={"offset": mean})]
 
 
 def _speeds(campaign: Campaign) -> list[float]:

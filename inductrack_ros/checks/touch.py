@@ -78,7 +78,12 @@ class Touch:
 
     def calm(self, campaign: Campaign) -> Campaign:
         """The campaign without the samples at which the cradle may touch."""
-        return replace(campaign, runs=tuple(replace(run, values=np.where(self.near(run)[:, None], np.nan, run.values)) for run in campaign.runs))
+
+        def apart(run: Run) -> Run:
+            near = self.near(run)
+            return replace(run, values=np.where(near[:, None], np.nan, run.values)) if near.any() else run
+
+        return replace(campaign, runs=tuple(map(apart, campaign.runs)))
 
 
 def _gaps(model: Model) -> dict[str, tuple[float, float, Array]]:
