@@ -212,10 +212,13 @@ def test_the_reference_is_the_model(x):
 def test_formula(name):
     parameters, formula = (FORMULAS | STAND_INS)[name]
     model = Model.create(effects={name: parameters}, conditions=CONDITIONS)
+    pulsed = None if catalogue()[name].only else model.with_changes(drive="pulses")
 
     @QUICK
     @given(x=STATES, t=TIMES)
     def check(x, t):
+        if pulsed:  # between two pulses nothing drives
+            assert pulsed.wrenches(x, t)["total"] == pytest.approx(reference(x, **(formula(x, t) | {"thrust_factor": 0.0})), rel=1e-9, abs=1e-7)
         parts = model.wrenches(x, t)
         expected = reference(x, **formula(x, t))
         assert parts["total"] == pytest.approx(expected, rel=1e-9, abs=1e-7)
