@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from inductrack_ros import cli
+
 ROOT = Path(__file__).parent.parent
 #: What a build needs; not .venv, not what other builds left.
 SOURCES = (
@@ -87,7 +89,7 @@ def test_package_xml_agrees_with_setup_py():
     text = (ROOT / "setup.py").read_text()
     arguments = {k.arg: k.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Call) for k in n.keywords}
     assert manifest.get("format") == "3" and manifest.find("export/build_type").text == "ament_python"
-    assert manifest.findtext("version") == ast.literal_eval(arguments["version"])
+    assert re.search(rf"^{re.escape(manifest.findtext('version'))} \(\d{{4}}-\d\d-\d\d\)\n-+\n", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE)
     keys = {e.text for e in manifest if e.tag.endswith("depend")}
     # Every ROS package that the nodes import is declared, under its own name.
     imported = set()
@@ -109,6 +111,13 @@ def test_entry_points_exist():
     ours = {e.name: e for e in entry_points(group="console_scripts") if e.value.startswith("inductrack_ros")}
     assert set(NODES) <= set(ours)
     assert all(callable(ours[name].load()) for name in NODES)
+
+
+def test_the_version_stands_in_package_xml_alone(capsys):
+    with pytest.raises(SystemExit) as left:
+        cli.main(["--version"])
+    said = ElementTree.parse(ROOT / "package.xml").findtext("version")
+    assert left.value.code == 0 and capsys.readouterr().out == f"inductrack {said}\n"
 
 
 def test_make_uses_a_sourced_distribution_and_brings_ros_otherwise():
