@@ -44,6 +44,7 @@ soak: $(READY)
 	@$(BIN)/python benchmarks/soak.py
 
 lint: $(READY)
+	@$(BIN)/ruff check --quiet
 	@$(BIN)/lint-imports --no-logo
 
 # The tables of docs/effects.md and docs/interfaces.md, from the code.

@@ -41,7 +41,7 @@ setup(
             "ros-std-srvs==5.3.6",
             "ros-rosgraph-msgs==2.0.3",
         ],
-        "test": ["pytest", "pytest-xdist", "hypothesis", "import-linter", "colcon-common-extensions", "dask[distributed]"],
+        "test": ["pytest", "pytest-xdist", "hypothesis", "import-linter", "ruff>=0.15,<0.16", "colcon-common-extensions", "dask[distributed]"],
         "docs": ["sphinx>=8,<9", "myst-parser", "furo"],
         "cluster": ["dask[distributed]"],
         "benchmark": ["pysindy>=2.1", "scikit-sundae", "matplotlib"],

@@ -7,7 +7,7 @@ HERE = Path(__file__).resolve().parent
 MANIFEST = ElementTree.parse(HERE.parent / "package.xml")
 
 project = "inductrack_ros"
-author = copyright = "the inductrack_ros maintainers"  # noqa: A001  Sphinx wants this name
+author = copyright = "the inductrack_ros maintainers"
 release = version = MANIFEST.findtext("version")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.viewcode"]
 html_theme = "furo"

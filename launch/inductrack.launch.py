@@ -11,7 +11,6 @@ Everything is decided, and refused where it cannot be, before the first process 
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
-from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
@@ -23,6 +22,7 @@ from rclpy.validate_namespace import validate_namespace
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.nodes.launching import ARGUMENTS, Started, plan, rviz_configuration
+from launch import LaunchContext, LaunchDescription
 
 PACKAGE = "inductrack_ros"
 JOINING = "60"  # s that the recorder gets to join the files of its bag before launch ends it

@@ -27,6 +27,8 @@ threadpool_limits(1, "blas")  # as the diagnosis itself does: where another work
 # A shell that starts the tests in the background has them ignore Ctrl-C, and what they start would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+settings.register_profile("busy", deadline=None)  # a machine may be busy with something else
+settings.load_profile("busy")
 NIGHTLY = settings(max_examples=2500)
 settings.register_profile("nightly", NIGHTLY)  # `make fuzz`; test_fuzz.py says how much more that is
 

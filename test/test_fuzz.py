@@ -26,8 +26,8 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from rclpy.parameter import Parameter as RosParameter
-from std_msgs.msg import UInt64MultiArray
 from rosbags.rosbag2 import StoragePlugin, Writer
+from std_msgs.msg import UInt64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from test_data_bags import STORE, pose
 

@@ -11,7 +11,6 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import (
     InvalidQosOverridesError,
-    QosCallbackResult,
     QoSOverridingOptions,
     QoSPolicyKind,
 )

@@ -21,7 +21,16 @@ from ..core.state import OUTPUTS
 from .diagnostics import PERIOD, Diagnostics, strangers
 from .drive import PulseQueue
 from .overrides import Overrides
-from .parameters import declare, effect_parameters, freedom, given, model_options, when_set, with_values, without_unknown
+from .parameters import (
+    declare,
+    effect_parameters,
+    freedom,
+    given,
+    model_options,
+    when_set,
+    with_values,
+    without_unknown,
+)
 from .qos import profile, subscribe
 from .rest import Rest
 from .runtime import NAMESPACE, every, run
