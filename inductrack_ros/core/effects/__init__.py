@@ -31,8 +31,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from ..errors import InputError, did_you_mean
 from ..parameters import Parameter
 from ..state import CHANNELS

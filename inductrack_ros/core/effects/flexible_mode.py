@@ -4,7 +4,6 @@ import math
 
 from . import Parameter, Part, effect
 
-
 #: Above this frequency (Hz) the frame gives way by less than 10 nm to 10 g, and counts as rigid.
 STIFF = 1e4
 
