@@ -228,6 +228,63 @@ def test_swapped_gaps_are_named(everything, model):
     assert "swapped" in impossible(look(spoiled, model))[0].text
 
 
+@pytest.mark.parametrize("pair", [("sway", "heave"), ("sway", "roll"), ("heave", "roll")])
+def test_channels_that_changed_places_are_named(pair, pose, model):
+    order = list(POSE)
+    i, j = (order.index(c) for c in pair)
+    order[i], order[j] = order[j], order[i]
+    columns = [POSE.index(c) for c in order]
+    (found,) = impossible(look(replace(pose, runs=tuple(replace(r, values=r.values[:, columns]) for r in pose.runs)), model))
+    assert f"{pair[0]} and {pair[1]} are swapped" in found.text
+
+
+@pytest.mark.parametrize(("channel", "factor", "kind"), [("heave", 1e3, "unit"), ("sway", -1.0, "axis_flipped"), ("roll", 180 / np.pi, "unit")])
+def test_one_run_that_is_written_otherwise_is_named(channel, factor, kind, pose, model):
+    (found,) = impossible(look(changed(pose, channel, lambda y: factor * y, "b"), model))
+    assert found.kind == kind and found.text.startswith("in b alone of 3 runs ")
+
+
+def test_a_current_in_kiloamperes_of_one_run_is_named(pose, model):
+    runs = (replace(pose.runs[0], drive_current=7.0), *pose.runs[1:])
+    (found,) = impossible(look(replace(pose, runs=runs), model))
+    assert found.channel == "drive_current" and found.text.startswith("in a alone of 3 runs drive_current (7 A)")
+
+
+def test_forces_that_no_reading_explains_are_said(pose, model):
+    """A rig ten times as heavy as its model: no physics of the catalogue makes up for that."""
+    (found,) = [f for f in look(pose, model.with_changes({"mass": 93.0})) if f.kind == "unlike"]
+    assert found.severity == WARNING and "heave" in found.size["channels"]
+
+
+@pytest.mark.parametrize(
+    ("state", "value", "severity", "hint"),
+    [("surge_rate", 61.2, IMPOSSIBLE, "km/h"), ("sway", 3.0, IMPOSSIBLE, "mm"), ("heave", 5e-3, IMPOSSIBLE, "correct it"), ("surge_rate", 18.5, WARNING, "leave it out")],
+)
+def test_an_initial_state_is_held_against_the_samples(state, value, severity, hint, pose, model):
+    def told(value):
+        return replace(pose, runs=tuple(replace(r, initial_state={state: value} if r.name == "a" else {}) for r in pose.runs))
+
+    (found,) = [f for f in look(told(value), model) if f.kind == "initial_state"]
+    assert (found.severity, found.channel) == (severity, state) and hint in found.remedy
+    right = 17.0 if state == "surge_rate" else float(pose.runs[0][state][:3].mean())
+    assert look(told(right), model) == ()
+
+
+def test_a_condition_that_is_no_value_of_its_parameter(pose, model):
+    weighed = replace(pose, runs=tuple(replace(r, conditions={"mass": 9300.0}) for r in pose.runs))
+    (found,) = [f for f in look(weighed, model) if f.kind == "condition"]
+    assert found.severity == IMPOSSIBLE and "1e+03 times the model's 9.3 kg" in found.text
+    assert look(replace(pose, runs=tuple(replace(r, conditions={"mass": 9.42}) for r in pose.runs)), model) == ()
+
+
+def test_repeats_of_a_sensor_that_is_read_slowly_are_no_measurements(pose, model):
+    slow = changed(pose, "heave", lambda y: np.repeat(y[::5], 5)[: len(y)])
+    used, (found,) = admit(slow, model)
+    assert (found.kind, found.channel, found.size["every"]) == ("held", "heave", 5.0)
+    assert np.array_equal(used.runs[0].samples("heave")[1], pose.runs[0]["heave"][::5])
+    assert not any(f.kind == "held" for f in look(changed(pose, "roll", lambda y: np.round(y, 3)), model))
+
+
 def test_another_zero_is_told_from_another_unit(pose, model):
     (found,) = impossible(look(changed(pose, "heave", lambda y: y + 0.3), model))
     assert found.kind == "zero"

@@ -18,7 +18,8 @@ from .noise_found import channels_of
 from .outliers import fillers, outliers
 from .pairs import pairs
 from .readings import readings
-from .sensors import sensors
+from .sensors import held, sensors
+from .stated import stated
 from .touch import Touch
 
 
@@ -32,8 +33,9 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     touch = None if model is None else Touch.of(model)
     found = clocks(campaign)
     campaign = set_aside(campaign, found)
-    found += (fill := fillers(campaign, touch))
-    campaign = set_aside(campaign, fill)
+    for once in (lambda: fillers(campaign, touch), lambda: held(campaign)):
+        found += (off := once())
+        campaign = set_aside(campaign, off)
     channels = channels_of(campaign)
     found += (off := outliers(campaign, channels, touch))
     campaign = set_aside(campaign, off)
@@ -42,7 +44,7 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign, calm = set_aside(campaign, flat), set_aside(calm, flat)
     found += too_few(campaign, model)
     found += noises(calm, channels) + jitter(campaign, channels)
-    found += pairs(campaign, calm, channels) + excitation(campaign, channels)
+    found += stated(campaign, channels, model) + pairs(campaign, calm, channels) + excitation(campaign, channels)
     if model is not None and not any(f.kind in ("clock_jump", "hole", "time_unit") for f in impossible(found)):
         found += readings(campaign, channels, model)
     return worst_first(_causes_only(found))
