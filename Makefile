@@ -1,4 +1,4 @@
-# make demo | make test | make lint | make faults | make fuzz | make soak | make benchmark | make benchmark-check | make benchmark-diagnosis | make clean. No environment variable is needed.
+# make demo | make test | make lint | make docs | make tables | make faults | make fuzz | make soak | make benchmark | make benchmark-check | make benchmark-diagnosis | make clean. No environment variable is needed.
 #
 # On a sourced ROS 2 distribution that one is used (a virtual environment that sees the system's packages);
 # on a bare machine ROS 2 comes as wheels from PyPI into .venv.
@@ -12,7 +12,7 @@ comma := ,
 EXTRAS := $(if $(filter wheels,$(ROS)),test$(comma)ros,test)
 READY := $(VENV)/ready-$(ROS)
 
-.PHONY: demo test lint setup clean benchmark benchmark-check benchmark-diagnosis faults fuzz soak
+.PHONY: demo test lint setup clean benchmark benchmark-check benchmark-diagnosis faults fuzz soak tables docs
 .NOTPARALLEL:
 
 demo: $(READY)
@@ -44,11 +44,21 @@ soak: $(READY)
 	@$(BIN)/python benchmarks/soak.py
 
 lint: $(READY)
+	@$(BIN)/ruff check --quiet
 	@$(BIN)/lint-imports --no-logo
+
+# The tables of docs/effects.md and docs/interfaces.md, from the code.
+tables: $(READY)
+	@$(BIN)/python docs/tables.py
+
+# The pages and the API from docstrings: build/docs/index.html.
+docs: $(READY)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[docs]'
+	@$(BIN)/python -m sphinx -q -W --keep-going -d build/doctrees docs build/docs
 
 setup: $(READY)
 
-$(READY): setup.py Makefile
+$(READY): setup.py package.xml Makefile
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "$(PYTHON) is Python %d.%d; 3.10 or newer is needed: make PYTHON=python3.12" % sys.version_info[:2])'
 	@echo "Installing into $(VENV) (ROS 2: $(ROS)) ..."
 	@ls $(READY) >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(if $(filter wheels,$(ROS)),,--system-site-packages) $(VENV)
@@ -56,4 +66,4 @@ $(READY): setup.py Makefile
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build install log report
+	rm -rf $(VENV) build install log report docs/_api

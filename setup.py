@@ -1,14 +1,17 @@
 """Package description for pip and for colcon (ament_python)."""
 
+import xml.etree.ElementTree as ElementTree
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 NAME = "inductrack_ros"
+MANIFEST = ElementTree.parse(Path(__file__).with_name("package.xml"))  # where ROS tools raise the version
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version=MANIFEST.findtext("version"),
     description="Real-time simulation and model diagnosis of the Inductrack maglev cradle, as a ROS 2 package",
     license="Apache-2.0",
     maintainer="inductrack_ros maintainers",
@@ -38,7 +41,8 @@ setup(
             "ros-std-srvs==5.3.6",
             "ros-rosgraph-msgs==2.0.3",
         ],
-        "test": ["pytest", "pytest-xdist", "hypothesis", "import-linter", "colcon-common-extensions", "dask[distributed]"],
+        "test": ["pytest", "pytest-xdist", "hypothesis", "import-linter", "ruff>=0.15,<0.16", "colcon-common-extensions", "dask[distributed]"],
+        "docs": ["sphinx>=8,<9", "myst-parser", "furo"],
         "cluster": ["dask[distributed]"],
         "benchmark": ["pysindy>=2.1", "scikit-sundae", "matplotlib"],
     },

@@ -1,6 +1,6 @@
 """Blind benchmark of the diagnosis: campaigns drawn at random and made by a simulator that shares nothing with the library.
 
-    python benchmarks/blind_diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--peers] [--output build/diagnosis.json]
+    python benchmarks/blind_diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--whole] [--peers] [--output build/diagnosis.json]
 
 Prints each campaign as it is done, then the confusion of verdicts, the part that is right, the false-alarm rate, the
 coverage of the 95 % intervals, the error on runs never seen from their exact initial states, and the time. With ``--peers``
@@ -90,11 +90,11 @@ def ask_peers(campaign: Campaign, truth: dict) -> dict[str, dict]:
     return answers
 
 
-def run(seed: int, kind: str | None, with_peers: bool = False) -> dict:
-    """One campaign, drawn, diagnosed and judged; ``with_peers`` by the peers too."""
+def run(seed: int, kind: str | None, with_peers: bool = False, whole: bool = False) -> dict:
+    """One campaign, drawn (of the ``whole`` catalogue), diagnosed and judged; ``with_peers`` by the peers too."""
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "blind"
-        truth = campaigns.write_campaign(folder, seed, kind=kind)
+        truth = campaigns.write_campaign(folder, seed, kind=kind, whole=whole)
         campaign = load_campaign(folder)
         beside = {"peers": ask_peers(campaign, truth)} if with_peers else {}
         began = time.perf_counter()
@@ -166,6 +166,7 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1000, help="of the first campaign; the others follow")
     parser.add_argument("--kind", choices=campaigns.KINDS)
+    parser.add_argument("--whole", action="store_true", help="the effects of November 2026 are among those hidden, runs on warm and cold days")
     parser.add_argument("--peers", action="store_true", help="PySINDy's weak form and a stepwise BIC on the same campaigns too")
     parser.add_argument("--output", type=Path, help="write all results as JSON too")
     parser.add_argument("--scheduler", metavar="tcp://…", help="a campaign to each worker of this dask scheduler; they need this checkout at this path")
@@ -175,7 +176,7 @@ def main() -> None:
         sys.path.insert(0, str(ROOT / "benchmarks"))
         import blind_diagnosis  # by name, for a worker does not have this as its main program
 
-        return blind_diagnosis.run(seed, given.kind, given.peers)
+        return blind_diagnosis.run(seed, given.kind, given.peers, given.whole)
 
     seeds = range(given.seed, given.seed + given.campaigns)
     with workers(given.scheduler) as hands:

@@ -23,13 +23,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
 
-from independent.campaigns import write_campaign  # noqa: E402
+from independent.campaigns import write_campaign
 
-from inductrack_ros.checks import impossible, look  # noqa: E402
-from inductrack_ros.checks.balance import Reading, misfits, windows_of  # noqa: E402
-from inductrack_ros.checks.noise_found import channels_of  # noqa: E402
-from inductrack_ros.core.model import Model  # noqa: E402
-from inductrack_ros.data import Campaign, Run, load_campaign, write_csv  # noqa: E402
+from inductrack_ros.checks import impossible, look
+from inductrack_ros.checks.balance import Reading, misfits, windows_of
+from inductrack_ros.checks.noise_found import channels_of
+from inductrack_ros.core.model import Model
+from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
 
 #: What is multiplied by what, and the kind and the channels that are right to name.
 SPOILINGS = {

@@ -10,7 +10,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -21,7 +21,6 @@ from .progress import progress, say_findings, say_notes
 from .terminal import speak_to_any_terminal
 
 if TYPE_CHECKING:
-    from .checks import Finding
     from .core.model import Model
     from .data import Campaign
 
@@ -67,6 +66,14 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}; see {self.prog} -h\n")
 
 
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import version
+
+        print(f"{parser.prog} {version('inductrack_ros')}")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="inductrack",
@@ -74,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="inductrack COMMAND -h says more about each.",
         allow_abbrev=False,
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version of this package")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in COMMANDS:
         sub = commands.add_parser(
@@ -121,19 +129,6 @@ def _read(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
     return campaign, model
 
 
-def _load(arguments: argparse.Namespace) -> tuple[Campaign, Model, tuple[Finding, ...]]:
-    """The campaign without what a look at its data sets aside, the model, and what the look found, which is said.
-
-    Raises `InputError` where the data cannot be meant as they are written, before any physics is named.
-    """
-    from .checks import admit
-
-    campaign, model = _read(arguments)
-    campaign, findings = admit(campaign, model)
-    say_findings(findings)
-    return campaign, model, findings
-
-
 # ---------------------------------------------------------------- check
 
 
@@ -173,17 +168,15 @@ def _compare_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _compare(arguments: argparse.Namespace) -> None:
-    campaign, model, findings = _load(arguments)
+    campaign, model = _read(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
-        from .checks import merged
         from .compare import compare
         from .comparison.files import write_results
         from .reports.compare_report import compare_report, verdict
 
         with progress() as tell:
             tell(f"predicting {len(campaign.runs)} runs from their start, and from anew every 0.2 s")
-            result = compare(campaign, model)
-            result = replace(result, findings=merged(findings, result.findings))
+            result = compare(campaign, model, say_findings)
         write_results(result, folder)
         (folder / "report.html").write_text(compare_report(result), encoding="utf-8")
     print(verdict(result))
@@ -218,7 +211,7 @@ def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _diagnose(arguments: argparse.Namespace) -> None:
-    campaign, model, findings = _load(arguments)
+    campaign, model = _read(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
         from .diagnosis.diagnose import diagnose
         from .reports.diagnosis_report import diagnosis_report
@@ -226,7 +219,7 @@ def _diagnose(arguments: argparse.Namespace) -> None:
         from .workers import workers
 
         with progress() as tell, workers(arguments.scheduler) as hands:
-            result = diagnose(campaign, model, tell, hands, findings, arguments.budget)
+            result = diagnose(campaign, model, tell, hands, say_findings, arguments.budget)
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result, notes=campaign.notes), encoding="utf-8")
     if arguments.explain:
@@ -254,16 +247,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add(arguments: argparse.Namespace) -> None:
-    campaign, model, findings = _load(arguments)
+    campaign, model = _read(arguments)
     with output_folder(arguments.output, campaign.folder) as folder:
-        from .checks import merged
         from .diagnosis.add import add_effect
         from .reports.diagnosis_report import diagnosis_report
         from .reports.diagnosis_words import addition
 
         with progress() as tell:
-            result = add_effect(campaign, model, arguments.effect, tell)
-            result = replace(result, findings=merged(findings, result.findings))
+            result = add_effect(campaign, model, arguments.effect, tell, say_findings)
         result.write(folder)
         (folder / "report.html").write_text(diagnosis_report(result, addition(result), campaign.notes), encoding="utf-8")
     print(addition(result))

@@ -6,12 +6,13 @@ Nothing is fitted but the initial states that the campaign does not give. What i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .checks import Finding, admit
 from .comparison.outstanding import outstanding
 from .comparison.result import Comparison, RunComparison
 from .comparison.stretches import conditions, stretches
@@ -34,8 +35,14 @@ FOLLOWS, HORIZONS = 2.0, (0.15, 0.3, 0.6, 1.2, 2.4, 4.8, 9.6, 19.2)
 WINDOW, FEWEST_IN_WINDOW = 0.2, 12
 
 
-def compare(campaign: Campaign, model: Model) -> Comparison:
-    """Predict every run and say where the prediction fails. Raises `InputError` for what cannot be simulated."""
+def compare(campaign: Campaign, model: Model, hear: Callable[[tuple[Finding, ...]], None] = lambda _: None) -> Comparison:
+    """Predict every run and say where the prediction fails.
+
+    ``hear`` is told what a look at the data finds, before any result. Raises `InputError` for data that cannot be meant as they
+    are written, and for what cannot be simulated.
+    """
+    campaign, findings = admit(campaign, model)
+    hear(findings)
     structure = Structure(model, ())
     problem = Problem(campaign, model, _first_noise(campaign))
     states = _initial_states(problem, structure)
@@ -71,7 +78,7 @@ def compare(campaign: Campaign, model: Model) -> Comparison:
     runs = tuple(one(i) for i in range(len(campaign.runs)))
     parts = stretches(runs)
     worst_part = outstanding(runs, parts, campaign.channels)
-    return Comparison(campaign, model, sigma, frozenset(campaign.noise_std), runs, parts, worst_part)
+    return Comparison(campaign, model, sigma, frozenset(campaign.noise_std), runs, parts, worst_part, findings)
 
 
 # ---------------------------------------------------------------- one run

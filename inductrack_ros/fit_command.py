@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace) -> None:
                 tell(f"profile likelihood of {name}")
                 profiles.append(question.profile(fit, name))
         name = campaign.name if campaign else ""
-        report = FitReport(fit, profiles, verdict(fit, profiles), travels, name, travel, series, notes)
+        report = FitReport(fit, profiles, verdict(fit, profiles), travels, name, travel, series, notes, findings)
         fitted = with_values(model, dict(zip(free, fit.values.tolist(), strict=True)))
         (written / "report.html").write_text(render(report), encoding="utf-8")
         (written / "fit.json").write_text(file_text(results(report)), encoding="utf-8")

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .checks import Finding
 
+#: To the beginning of the line, which is cleared: a line of `progress` may stand there.
+_CLEARED = "\r\x1b[2K"
+
 
 def say_notes(notes: Iterable[str]) -> None:
     """Print what was converted or left out while the data were read, one line each, before any result."""
@@ -22,7 +25,7 @@ def say_notes(notes: Iterable[str]) -> None:
 def say_findings(findings: Iterable[Finding]) -> None:
     """Print what a look at the data found, one line each, worst first, before any result."""
     for finding in findings:
-        print(finding.said, file=sys.stderr, flush=True)
+        print(f"{_CLEARED if sys.stderr.isatty() else ''}{finding.said}", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
@@ -38,9 +41,9 @@ def progress() -> Iterator[Callable[[str], None]]:
 
     def tell(words: str) -> None:
         line = f"[{time.monotonic() - began:3.0f} s] {words}"
-        print(f"\r\x1b[2K{line[:width]}", end="", file=sys.stderr, flush=True)
+        print(f"{_CLEARED}{line[:width]}", end="", file=sys.stderr, flush=True)
 
     try:
         yield tell
     finally:
-        print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+        print(_CLEARED, end="", file=sys.stderr, flush=True)

@@ -6,7 +6,7 @@ import argparse
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,10 +36,17 @@ An existing CSV is replaced; an existing bag or campaign is not."""
 
 @dataclass(frozen=True)
 class Flight:
-    """One run as it is to be flown: its initial state by name and its current (A), None for the model's."""
+    """One run as it is to be flown: its initial state by name, its current (A), None for the model's, and its conditions."""
 
     initial: Mapping[str, float]
     drive_current: float | None
+    conditions: Mapping[str, float] = field(default_factory=dict)
+
+    def for_effects_of(self, model: Model) -> Flight:
+        """The same with what this model's effects call conditions taken out of the initial state."""
+        asked = {c for item in model.known_effects.values() for c in item.conditions}
+        conditions = {n: v for n, v in self.initial.items() if n in asked}
+        return replace(self, initial={n: v for n, v in self.initial.items() if n not in asked}, conditions=conditions)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE,…",
         action="append",
         dest="runs",
-        help="a run of a campaign as measured: its initial state and, if wanted, drive_current; repeat it for more runs",
+        help="a run of a campaign as measured: its initial state and, if wanted, drive_current and conditions (track_temperature=35); repeat it for more runs",
     )
     parser.add_argument("--bags", action="store_true", help="with --run: bags instead of CSV files")
     parser.add_argument(
@@ -81,6 +88,7 @@ def run(arguments: argparse.Namespace) -> None:
     model = Model.load(arguments.model) if arguments.model else Model.default()
     if model.drive == "pulses":
         raise InputError(f"{arguments.model}: drive: pulses needs the controller node, which fires them; set drive: averaged here")
+    flights = [flight.for_effects_of(model) for flight in flights]
     measured = arguments.measured or bool(arguments.runs)
     values = _sensor_values(arguments.model)
     if arguments.runs:
@@ -176,6 +184,7 @@ def _flown(model: Model, flight: Flight, arguments: argparse.Namespace) -> Traje
     import numpy as np
 
     times = np.arange(round(arguments.duration * arguments.rate) + 1) / arguments.rate
+    model = model.with_changes(conditions={**model.conditions, **flight.conditions})
     start = model.initial_state(drive_current=flight.drive_current, **flight.initial)
     flown = model.simulate(times, start, flight.drive_current)
     lost = np.flatnonzero(~np.isfinite(flown.states).all(axis=1))
@@ -269,6 +278,7 @@ def _campaign_text(name: str, rig: Rig, files: Sequence[str], flights: Sequence[
         if rig.values[f"measured.{sensor}.rate"] > 0 and rig.values[f"measured.{c}.noise"] > 0
     }
     currents = [model.parameters["drive_current"] if f.drive_current is None else f.drive_current for f in flights]
-    runs = [{"file": file, "drive_current": float(current)} for file, current in zip(files, currents, strict=True)]
+    conditions = [{"conditions": dict(f.conditions)} if f.conditions else {} for f in flights]
+    runs = [{"file": file, "drive_current": float(current), **more} for file, current, more in zip(files, currents, conditions, strict=True)]
     content = {"name": name, "noise_std": noise, "dof": model.dof, "runs": runs}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)

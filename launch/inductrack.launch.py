@@ -5,72 +5,81 @@
     ros2 launch inductrack_ros inductrack.launch.py drive:=pulses rviz:=true bag:=run_01
     ros2 launch inductrack_ros inductrack.launch.py --show-args
 
-All nodes live in one namespace and refer to topics by relative names, so that two rigs fit on one domain.
+Everything is decided, and refused where it cannot be, before the first process starts: see `inductrack_ros.nodes.launching`.
 """
 
-from launch.actions import DeclareLaunchArgument, ExecuteProcess
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.logging import launch_config
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.utilities import make_namespace_absolute, prefix_namespace
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
 
-from launch import LaunchDescription
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.nodes.launching import ARGUMENTS, Started, plan, rviz_configuration
+from launch import LaunchContext, LaunchDescription
 
-ARGUMENTS = {
-    "params_file": (
-        PathJoinSubstitution([FindPackageShare("inductrack_ros"), "config", "default.yaml"]),
-        "parameter file for all nodes: a model that `inductrack diagnose` wrote, or a copy of config/default.yaml",
-    ),
-    "namespace": ("inductrack", "namespace of all nodes and topics"),
-    "drive": ("averaged", "averaged (no controller needed) or pulses (the track controller fires the coils)"),
-    "initial_state": ("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),
-    "controller": (PythonExpression(["'", LaunchConfiguration("drive"), "' == 'pulses'"]), "start track_controller"),
-    "lockstep": ("false", "simulated time waits for the controller"),
-    "monitor": ("false", "start the monitor, which says where the model fails"),
-    "rviz": ("false", "start RViz with track, cradle, gaps and force arrows"),
-    "bag": ("", "record all topics of the namespace into this rosbag2; empty: do not"),
-}
+PACKAGE = "inductrack_ros"
+JOINING = "60"  # s that the recorder gets to join the files of its bag before launch ends it
 
 
 def generate_launch_description() -> LaunchDescription:
     """What `ros2 launch` runs."""
-    value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    common = {"package": "inductrack_ros", "namespace": value["namespace"], "output": "screen"}
-    simulator = {"drive": value["drive"], "initial_state": value["initial_state"], "lockstep": value["lockstep"]}
-    asked_bag = PythonExpression(["'", value["bag"], "' != ''"])
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(name, default_value=default, description=meaning)
-                for name, (default, meaning) in ARGUMENTS.items()
-            ),
-            Node(executable="sim", parameters=[value["params_file"], simulator], **common),
-            Node(
-                executable="track_controller",
-                parameters=[value["params_file"], {"lockstep": value["lockstep"]}],
-                condition=IfCondition(value["controller"]),
-                **common,
-            ),
-            Node(
-                executable="monitor",
-                parameters=[value["params_file"], {"drive": value["drive"]}],
-                condition=IfCondition(value["monitor"]),
-                **common,
-            ),
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                arguments=["-d", PathJoinSubstitution([FindPackageShare("inductrack_ros"), "rviz", "forces.rviz"])],
-                remappings=[
-                    (f"/inductrack/{topic}", PythonExpression(["'/", value["namespace"], f"/{topic}'"]))
-                    for topic in ("forces", "scene", "odometry", "measured/pose")
-                ],
-                condition=IfCondition(value["rviz"]),
-            ),
-            ExecuteProcess(
-                cmd=["ros2", "bag", "record", "--regex", ["/", value["namespace"], "/.*"], "-o", value["bag"]],
-                condition=IfCondition(asked_bag),
-                output="screen",
-            ),
-        ]
+    declared = (
+        DeclareLaunchArgument(name, default_value=one.default, description=one.meaning, choices=list(one.choices) or None)
+        for name, one in ARGUMENTS.items()
     )
+    return LaunchDescription([*declared, OpaqueFunction(function=processes)])
+
+
+def processes(context: LaunchContext) -> list[Node]:
+    """One action for each process. Raises `InputError` before any has begun."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    share = Path(get_package_share_directory(PACKAGE))
+    given["params_file"] = given["params_file"] or str(share / "config" / "default.yaml")
+    namespace = _namespace(given["namespace"], context)
+    nodes = [_node(one, namespace, given) for one in plan(given, namespace)]
+    return nodes + ([_rviz(share, namespace, given)] if given["rviz"] == "true" else [])
+
+
+def _namespace(name: str, context: LaunchContext) -> str:
+    """The absolute namespace; below that of a group of actions (PushRosNamespace), unless it begins with a slash."""
+    namespace = make_namespace_absolute(prefix_namespace(context.launch_configurations.get("ros_namespace"), name.rstrip("/") or "/"))
+    try:
+        validate_namespace(namespace)
+    except InvalidNamespaceException as error:
+        raise InputError(f"namespace:={name}: {str(error).splitlines()[0]}") from None
+    return namespace
+
+
+def _node(one: Started, namespace: str, given: dict[str, str]) -> Node:
+    parameters = {n: ParameterValue(v, value_type=type(v)) for n, v in one.parameters.items()}
+    return Node(
+        package=PACKAGE, executable=one.executable, name=one.executable, namespace=namespace, output="screen",
+        parameters=[*([given["params_file"]] if one.reads_file else []), *([parameters] if parameters else [])],
+        arguments=list(one.arguments), ros_arguments=["--log-level", given["log_level"]],
+        on_exit=[Shutdown(reason=f"{one.executable} has ended")] if one.needed else None,
+        **({"sigterm_timeout": JOINING} if one.executable == "record" else {}),
+    )  # fmt: skip
+
+
+def _rviz(share: Path, namespace: str, given: dict[str, str]) -> Node:
+    try:
+        get_package_prefix("rviz2")
+    except PackageNotFoundError:
+        raise InputError("rviz:=true, but rviz2 is not installed: apt install ros-$ROS_DISTRO-rviz2") from None
+    config = given["rviz_config"]
+    if not config:
+        made = Path(launch_config.log_dir, f"{namespace.strip('/').replace('/', '_')}.rviz")
+        made.write_text(rviz_configuration((share / "rviz" / "forces.rviz").read_text(encoding="utf-8"), namespace, given), encoding="utf-8")
+        config = str(made)
+    time = {"use_sim_time": True} if given["use_sim_time"] == "true" else {}
+    return Node(
+        package="rviz2", executable="rviz2", namespace=namespace, arguments=["-d", config],
+        parameters=[time] if time else [], ros_arguments=["--log-level", given["log_level"]],
+    )  # fmt: skip

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import scipy.linalg  # noqa: F401  its BLAS must be there to be limited
+from collection_guard import missing
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
@@ -26,11 +27,24 @@ threadpool_limits(1, "blas")  # as the diagnosis itself does: where another work
 # A shell that starts the tests in the background has them ignore Ctrl-C, and what they start would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-settings.register_profile("nightly")  # `make fuzz`; test_fuzz.py says how much more that is
+settings.register_profile("busy", deadline=None)  # a machine may be busy with something else
+settings.load_profile("busy")
+NIGHTLY = settings(max_examples=2500)
+settings.register_profile("nightly", NIGHTLY)  # `make fuzz`; test_fuzz.py says how much more that is
+
+#: Where `inductrack`, `sim` and the others are: beside Python (pip), or in the package's own folder (colcon).
+_INSTALLED = [Path(p, "lib", "inductrack_ros") for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+BIN = next((folder for folder in (Path(sys.executable).parent, *_INSTALLED) if (folder / "inductrack").exists()), None)
+if BIN is None:
+    raise pytest.UsageError("inductrack_ros is not installed: `make setup`, or `colcon build` and its setup file, comes first")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Nodes in real processes need the processor they were promised."""
+@pytest.hookimpl(tryfirst=True)  # before any are deselected
+def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.Item]) -> None:
+    """All tests are there. Nodes in real processes need the processor they were promised."""
+    lost = missing(session.config, items)
+    if lost and not session.testsfailed:
+        raise pytest.UsageError(f"{len(lost)} tests are written but were not collected, {lost[0]} for one")
     for item in items:
         if "ros" in getattr(item, "fixturenames", ()):
             item.add_marker("alone")
@@ -62,7 +76,7 @@ class Process:
         number = len(list(folder.glob("*.log")))
         self._log = folder / f"{number:02d}_{Path(what).stem}.log"
         # A node as a user starts it, or a file.
-        command = [sys.executable, what] if what.endswith(".py") else [str(Path(sys.executable).parent / what)]
+        command = [sys.executable, what] if what.endswith(".py") else [str(BIN / what)]
         with self._log.open("w") as log:
             self._process = subprocess.Popen([*command, *args], stdout=log, stderr=subprocess.STDOUT, cwd=folder)
 

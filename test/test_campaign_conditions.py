@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from test_data_bags import EPOCH, GOOD, point, poses, record
 
+from inductrack_ros import cli
 from inductrack_ros.compare import compare
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
@@ -104,7 +105,38 @@ def test_a_condition_reaches_the_effect_that_asks_for_it(tmp_path):
     problem = Problem(campaign, model, {"surge": 3e-5, "heave": 3e-5})
     column = model.kernel.parameters.index("track_temperature")
     assert [problem.vectors(structure, i, structure.start[None])[0, column] for i in (0, 1)] == [40.0, 20.0]
-    assert campaign.against(model).remarks == ("condition 'humidity' is not used: neither the model nor an effect asks for it",)
+    unused = "condition 'humidity' is not used: neither the model nor an effect asks for it"
+    assert campaign.against(model).remarks == (unused, "cold: no condition 'track_temperature'; 20 is taken")
+    assert campaign.against(Model.default()).remarks[1] == "cold: no condition 'track_temperature'; 20 is taken"  # an effect that may be found missing asks for it
+    told = model.with_changes(conditions={"track_temperature": 35.0})
+    assert campaign.against(told).remarks[1] == "cold: no condition 'track_temperature'; 35 is taken"
+    problem = Problem(campaign, told, {"surge": 3e-5, "heave": 3e-5})
+    assert [problem.vectors(Structure(told, ()), i, structure.start[None])[0, column] for i in (0, 1)] == [40.0, 35.0]
+
+
+def test_conditions_of_a_model_are_kept_and_checked(tmp_path):
+    model = Model.create(effects={"track_temperature": {"coefficient": 0.004}}, conditions={"track_temperature": 45.0})
+    model.save(tmp_path / "model.yaml")
+    assert Model.load(tmp_path / "model.yaml") == model == Model.from_mapping(model.to_mapping())
+    x = model.initial_state(surge_rate=20.0)
+    warm = Model.create({"resistance": 1.5e-3 * 1.1})
+    assert model.wrenches(x)["total"] == pytest.approx(warm.wrenches(x)["total"], rel=1e-12)
+    with pytest.raises(InputError, match="conditions.track_temprature: no effect asks for it; did you mean 'track_temperature'"):
+        Model.from_mapping({"conditions.track_temprature": 3.0})
+    with pytest.raises(InputError, match="conditions.mass: it is a parameter of the model, set that|conditions.mass: no effect"):
+        Model.from_mapping({"conditions.mass": 3.0})
+    with pytest.raises(InputError, match="conditions.track_temperature = 'warm' is not a finite number"):
+        Model.from_mapping({"conditions.track_temperature": "warm"})
+
+
+def test_a_campaign_is_flown_under_its_conditions(tmp_path):
+    """What `simulate --run` writes under conditions, `compare` reads under the same ones."""
+    (tmp_path / "truth.yaml").write_text("effects: [track_temperature]\ntrack_temperature: {coefficient: 0.004}\n")
+    runs = [f"--run=surge_rate=18,drive_current=0,track_temperature={t}" for t in (10, 60)]
+    cli.main(["simulate", "--model", str(tmp_path / "truth.yaml"), *runs, "--duration", "0.5", "--seed", "1", "--output", str(tmp_path / "rig")])
+    campaign = load_campaign(tmp_path / "rig")
+    assert [run.conditions for run in campaign.runs] == [{"track_temperature": 10.0}, {"track_temperature": 60.0}]
+    assert compare(campaign, Model.load(tmp_path / "truth.yaml")).error < 1.2 < 3.0 < compare(campaign, Model.default()).error
 
 
 # ---------------------------------------------------------------- inputs

@@ -12,10 +12,13 @@ import pytest
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look, set_aside
 from inductrack_ros.checks.local import predictions
 from inductrack_ros.cli import main
+from inductrack_ros.compare import compare
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import CHANNELS
 from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
+from inductrack_ros.diagnosis.add import add_effect
+from inductrack_ros.diagnosis.diagnose import diagnose
 
 NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4, "surge_rate": 0.01, "sway_rate": 3e-3, "heave_rate": 3e-3, "roll_rate": 0.01}
 NOISE |= dict.fromkeys(("gap_top", "gap_right", "gap_left"), 3e-5) | dict.fromkeys(("surge_acceleration", "sway_acceleration", "heave_acceleration"), 0.05)
@@ -25,12 +28,20 @@ PRACTICE = Path(__file__).parent / "data" / "practice"
 
 def measured(channels: tuple[str, ...] = POSE, count: int = 301, step: float = 2e-3, seed: int = 1) -> Campaign:
     """Three runs of the package's own model with white noise."""
+    model = Model.default()
+
+    def start(speed: float, sway: float) -> dict[str, float]:
+        return {"surge_rate": speed, "sway": sway, "roll": 3e-3, "heave": model.equilibrium_heave(speed) + 5e-4}
+
+    return flown([(7000.0, start(17.0, 3e-3)), (5000.0, start(22.0, -2e-3)), (3600.0, start(26.0, 2e-3))], channels, count, step, seed)
+
+
+def flown(starts: list[tuple[float, dict[str, float]]], channels: tuple[str, ...], count: int, step: float, seed: int = 1) -> Campaign:
+    """Runs named a, b, … of the package's own model with white noise, each from a drive current and states."""
     model, rng = Model.default(), np.random.default_rng(seed)
-    runs = []
-    for name, current, speed, sway in (("a", 7000.0, 17.0, 3e-3), ("b", 5000.0, 22.0, -2e-3), ("c", 3600.0, 26.0, 2e-3)):
-        times = np.arange(count) * step
-        start = model.initial_state(surge_rate=speed, sway=sway, roll=3e-3, heave=model.equilibrium_heave(speed) + 5e-4)
-        flight = model.simulate(times, start, current)
+    runs, times = [], np.arange(count) * step
+    for name, (current, states) in zip("abcdefgh", starts, strict=False):
+        flight = model.simulate(times, model.initial_state(**states), current)
         values = np.column_stack([flight[c] + NOISE[c] * rng.standard_normal(count) for c in channels])
         runs.append(Run(name, Path(f"{name}.csv"), channels, times, values, times, current))
     return Campaign("rig", Path("rig"), tuple(runs), {c: NOISE[c] for c in channels})
@@ -108,6 +119,49 @@ def test_a_kink_is_no_outlier_wherever_it_lies(slopes):
         assert abs(values[6] - predicted[:, 0]).min() <= 3.0 * agree + 1e-9
 
 
+#: A crash, drops onto the track on its top and on its sides, bounces, and a run that only flies.
+IMPACTS = [
+    (0.0, {"surge_rate": 10.0, "heave": 4e-3, "sway": 2e-3, "roll": 0.02}),
+    (3000.0, {"surge_rate": 14.0, "sway": -3e-3, "heave": 5e-3}),
+    (7000.0, {"surge_rate": 18.0, "sway_rate": 0.8}),
+    (7000.0, {"surge_rate": 18.0, "heave_rate": -1.2}),
+    (7000.0, {"surge_rate": 20.0}),
+]
+POSE_AND_IMU = (*POSE, "surge_acceleration", "sway_acceleration", "heave_acceleration")
+
+
+@pytest.mark.parametrize("step", [5e-4, 2e-3, 5e-3, 2e-2])
+@pytest.mark.parametrize("channels", [tuple(CHANNELS), POSE_AND_IMU])
+def test_impacts_are_not_set_aside(channels, step, model):
+    """They last for samples, show in several channels at once, and look like spikes where they are sampled slowly."""
+    hit = flown(IMPACTS, channels, count=max(round(0.6 / step), 76), step=step)
+    assert [f.line for f in look(hit, model) if f.severity in (IMPOSSIBLE, SET_ASIDE)] == []
+
+
+def test_bad_cells_beside_impacts_are_set_aside_all_the_same(model):
+    """No contact throws a cradle so far from one sample to the next."""
+    hit = flown(IMPACTS, POSE_AND_IMU, count=301, step=2e-3)
+    touching = 20 + int(np.argmax(hit.runs[3]["heave_acceleration"][20:]))
+    for channel, size in (("heave", 0.05), ("roll", 0.5), ("heave_acceleration", 8e3)):
+        spoiled = changed(hit, channel, lambda y, s=size: y + s * (np.arange(len(y)) == touching), "d")
+        (found,) = [f for f in look(spoiled, model) if f.severity == SET_ASIDE]
+        assert (found.channel, found.samples) == (channel, {"d": (touching,)})
+
+
+def test_a_spike_of_an_accelerometer_away_from_the_track_is_set_aside(model):
+    calm = measured(POSE_AND_IMU)
+    spoiled = changed(calm, "sway_acceleration", put((150, 40.0)), "b")
+    (found,) = [f for f in look(spoiled, model) if f.severity == SET_ASIDE]
+    assert found.samples == {"b": (150,)}
+
+
+def test_the_one_run_that_swings_is_no_outlier_of_those_that_do_not(model):
+    """It goes fifty times as far as the others, and enters and leaves that range as a cradle does."""
+    still = [(7000.0, {"surge_rate": speed}) for speed in (17.0, 18.0, 19.0, 20.0, 21.0, 22.0)]
+    released = flown([*still, (7000.0, {"surge_rate": 18.0, "sway": 6e-3, "roll": 0.02})], POSE, count=301, step=2e-3)
+    assert {f.severity for f in look(released, model)} <= {"note"}
+
+
 # ---------------------------------------------------------------- units, signs and clocks
 
 FACTORS = [
@@ -172,6 +226,63 @@ def test_swapped_gaps_are_named(everything, model):
         rows = slice(k * count, (k + 1) * count)
         spoiled = changed(changed(spoiled, "gap_right", lambda _, r=rows: left[r], name), "gap_left", lambda _, r=rows: right[r], name)
     assert "swapped" in impossible(look(spoiled, model))[0].text
+
+
+@pytest.mark.parametrize("pair", [("sway", "heave"), ("sway", "roll"), ("heave", "roll")])
+def test_channels_that_changed_places_are_named(pair, pose, model):
+    order = list(POSE)
+    i, j = (order.index(c) for c in pair)
+    order[i], order[j] = order[j], order[i]
+    columns = [POSE.index(c) for c in order]
+    (found,) = impossible(look(replace(pose, runs=tuple(replace(r, values=r.values[:, columns]) for r in pose.runs)), model))
+    assert f"{pair[0]} and {pair[1]} are swapped" in found.text
+
+
+@pytest.mark.parametrize(("channel", "factor", "kind"), [("heave", 1e3, "unit"), ("sway", -1.0, "axis_flipped"), ("roll", 180 / np.pi, "unit")])
+def test_one_run_that_is_written_otherwise_is_named(channel, factor, kind, pose, model):
+    (found,) = impossible(look(changed(pose, channel, lambda y: factor * y, "b"), model))
+    assert found.kind == kind and found.text.startswith("in b alone of 3 runs ")
+
+
+def test_a_current_in_kiloamperes_of_one_run_is_named(pose, model):
+    runs = (replace(pose.runs[0], drive_current=7.0), *pose.runs[1:])
+    (found,) = impossible(look(replace(pose, runs=runs), model))
+    assert found.channel == "drive_current" and found.text.startswith("in a alone of 3 runs drive_current (7 A)")
+
+
+def test_forces_that_no_reading_explains_are_said(pose, model):
+    """A rig ten times as heavy as its model: no physics of the catalogue makes up for that."""
+    (found,) = [f for f in look(pose, model.with_changes({"mass": 93.0})) if f.kind == "unlike"]
+    assert found.severity == WARNING and "heave" in found.size["channels"]
+
+
+@pytest.mark.parametrize(
+    ("state", "value", "severity", "hint"),
+    [("surge_rate", 61.2, IMPOSSIBLE, "km/h"), ("sway", 3.0, IMPOSSIBLE, "mm"), ("heave", 5e-3, IMPOSSIBLE, "correct it"), ("surge_rate", 18.5, WARNING, "leave it out")],
+)
+def test_an_initial_state_is_held_against_the_samples(state, value, severity, hint, pose, model):
+    def told(value):
+        return replace(pose, runs=tuple(replace(r, initial_state={state: value} if r.name == "a" else {}) for r in pose.runs))
+
+    (found,) = [f for f in look(told(value), model) if f.kind == "initial_state"]
+    assert (found.severity, found.channel) == (severity, state) and hint in found.remedy
+    right = 17.0 if state == "surge_rate" else float(pose.runs[0][state][:3].mean())
+    assert look(told(right), model) == ()
+
+
+def test_a_condition_that_is_no_value_of_its_parameter(pose, model):
+    weighed = replace(pose, runs=tuple(replace(r, conditions={"mass": 9300.0}) for r in pose.runs))
+    (found,) = [f for f in look(weighed, model) if f.kind == "condition"]
+    assert found.severity == IMPOSSIBLE and "1e+03 times the model's 9.3 kg" in found.text
+    assert look(replace(pose, runs=tuple(replace(r, conditions={"mass": 9.42}) for r in pose.runs)), model) == ()
+
+
+def test_repeats_of_a_sensor_that_is_read_slowly_are_no_measurements(pose, model):
+    slow = changed(pose, "heave", lambda y: np.repeat(y[::5], 5)[: len(y)])
+    used, (found,) = admit(slow, model)
+    assert (found.kind, found.channel, found.size["every"]) == ("held", "heave", 5.0)
+    assert np.array_equal(used.runs[0].samples("heave")[1], pose.runs[0]["heave"][::5])
+    assert not any(f.kind == "held" for f in look(changed(pose, "roll", lambda y: np.round(y, 3)), model))
 
 
 def test_another_zero_is_told_from_another_unit(pose, model):
@@ -292,6 +403,16 @@ def test_a_constant_channel_says_so(pose, model):
     assert np.isnan(used.runs[2]["roll"]).all()
 
 
+def test_a_coarse_sensor_at_rest_is_not_called_dead(pose, model):
+    """Its step is wider than what it would see there."""
+    rng = np.random.default_rng(0)
+    calm = changed(pose, "heave", lambda y: -0.0053 + 1e-5 * rng.standard_normal(len(y)), "c")
+    used, findings = admit(changed(calm, "heave", lambda y: np.round(y, 3)), model)
+    (found,) = [f for f in findings if f.kind == "constant"]
+    assert (found.channel, found.severity) == ("heave", WARNING)
+    assert used.runs[2].measured.all()
+
+
 def test_a_saturated_and_a_stuck_sensor(pose, model):
     limit = float(np.quantile(pose.runs[0]["roll"], 0.8))
     assert ("saturated", "roll") in kinds(look(changed(pose, "roll", lambda y: np.minimum(y, limit)), model), WARNING)
@@ -316,6 +437,24 @@ def test_noise_that_is_not_as_stated(factor, severity, pose, model):
     (found,) = look(stated, model)
     assert (found.kind, found.channel, found.severity) == ("noise_differs", "sway", severity)
     assert found.size["ratio"] == pytest.approx(1 / factor, rel=0.1)
+
+
+def test_a_variance_given_as_standard_deviation_is_named(pose, model):
+    (found, *_) = impossible(look(replace(pose, noise_std={c: NOISE[c] ** 2 for c in POSE}), model))
+    assert "not its square" in found.remedy
+
+
+def test_gravity_in_an_accelerometer_is_named(everything, model):
+    (found,) = impossible(look(changed(everything, "heave_acceleration", lambda y: y + 9.81), model))
+    assert (found.kind, found.channel) == ("zero", "heave_acceleration")
+    assert "subtract 9.81" in found.remedy
+
+
+def test_speeds_that_nothing_has_are_another_unit_also_on_the_track(model):
+    """No force tells the unit where the cradle touches throughout."""
+    touching = flown([(0.0, {"surge_rate": 9.0, "heave": -0.01})], POSE, count=151, step=2e-3)
+    found = impossible(look(replace(changed(touching, "surge", lambda y: 1e3 * y, "a"), noise_std={}), model))
+    assert [(f.kind, f.channel) for f in found] == [("unit", "surge")]
 
 
 def test_hum_and_colour(model):
@@ -424,6 +563,43 @@ def test_findings_stand_at_the_head_of_compare(pose, tmp_path, capsys):
     assert [f["kind"] for f in written["findings"]] == ["outliers"]
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.index("row 62") < page.index('<nav aria-label="Sections">')
+
+
+def test_findings_stand_at_the_head_of_fit(pose, tmp_path, capsys):
+    spoiled = changed(pose, "heave", put((60, 0.045)), "b")
+    folder = write(tmp_path / "rig", replace(spoiled, runs=spoiled.runs[:2]))
+    assert main(["fit", str(folder), "--free", "eta", "--output", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().err.startswith("left out: heave in b.csv, row 62,")
+    assert [f["kind"] for f in json.loads((tmp_path / "out" / "fit.json").read_text())["findings"]] == ["outliers"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.index("row 62") < page.index('<nav aria-label="Sections">')
+
+
+def calls():
+    """What holds a campaign against a model from Python, each with a function that hears the findings."""
+    return {
+        "compare": lambda campaign, model, hear: compare(campaign, model, hear),
+        "diagnose": lambda campaign, model, hear: diagnose(campaign, model, hear=hear),
+        "add": lambda campaign, model, hear: add_effect(campaign, model, "heave_damping", hear=hear),
+    }
+
+
+@pytest.mark.parametrize("name", ["compare", "diagnose", "add"])
+def test_from_python_the_same_is_refused_and_found(name, pose, model):
+    """The look is part of each call, not of the command line."""
+
+    class Heard(Exception):
+        """What was found; it ends the call before the fit."""
+
+    def hear(findings):
+        raise Heard(findings)
+
+    with pytest.raises(InputError, match="axis of one of them is flipped"):
+        calls()[name](changed(pose, "sway", lambda y: -y), model, hear)
+    spoiled = changed(pose, "heave", put((60, 0.045)), "b")
+    with pytest.raises(Heard) as heard:
+        calls()[name](spoiled, model, hear)
+    assert heard.value.args[0] == look(spoiled, model)
 
 
 def test_set_aside_leaves_the_campaign_itself_alone(pose, model):

@@ -22,8 +22,6 @@ from inductrack_ros.diagnosis.search import Search
 from inductrack_ros.estimation.ensemble import ensemble
 from inductrack_ros.workers import workers
 
-distributed = pytest.importorskip("dask.distributed")
-
 CAMPAIGN = Path(__file__).parent / "data" / "practice" / "p7_sensor"
 TIMES = np.linspace(0, 1.0, 401)
 EFFECT = '''
@@ -39,6 +37,7 @@ def push(surge, size):
 @pytest.fixture(scope="module")
 def scheduler():
     """Address of a scheduler with two workers, each a process of one thread."""
+    distributed = pytest.importorskip("dask.distributed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
         yield cluster.scheduler_address
 

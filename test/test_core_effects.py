@@ -36,6 +36,11 @@ CONTRACT = {
     "cg_offset": ["offset"], "crosswind": ["force"], "beam_attraction": ["force"],
     "halbach_fifth_harmonic": ["relative_amplitude"], "sensor_bias": ["bias"], "sensor_scale": ["scale"],
     "sensor_delay": ["delay"],
+    "flexible_mode": ["frequency", "damping_ratio", "mass_ratio"], "dead_coils": ["place", "fraction"],
+    "joint_step": ["height", "place"], "auxiliary_wheels": ["height", "stiffness", "damping", "rolling_resistance"],
+    "bungee_launcher": ["stiffness", "stroke"], "track_temperature": ["coefficient"], "magnet_temperature": ["coefficient"],
+    "sensor_lag": ["time_constant"], "sensor_drift": ["rate"], "sensor_clock": ["rate"], "sensor_saturation": ["limit"],
+    "sensor_misalignment": ["angle"],
 }  # fmt: skip
 
 
@@ -52,7 +57,7 @@ def gaps_of(x, height=0.0, height_rate=0.0):
 
 def reference(
     x, R=1.5e-3, L=1.8e-6, B0=0.52, widths=(0.12, 0.08, 0.08), thrust_factor=1.0, harmonic=0.0, height=0.0, height_rate=0.0,
-    added=(0.0, 0.0, 0.0, 0.0), friction=0.0,
+    added=(0.0, 0.0, 0.0, 0.0), friction=0.0, coils=1.0,
 ):  # fmt: skip
     """Total force (surge, sway, heave) and roll moment at state ``x``, 7000 A, equations (29)–(40)."""
     gap, rate, turn = gaps_of(x, height, height_rate)
@@ -60,7 +65,7 @@ def reference(
     e = np.array(widths) * np.exp(-K * gap) * (1 + harmonic * np.exp(-4 * K * gap))
     flux = 0.7295 * B0 / K * e.sum()
     rho_inverse = K * v * L / R
-    strength = 13 * B0 * flux / L
+    strength = coils * 13 * B0 * flux / L
     lift = strength * rho_inverse**2 / (1 + rho_inverse**2)
     drag = strength * rho_inverse / (1 + rho_inverse**2) * e.sum()
     thrust = 3.9298 * 2 * e.sum() * (2 * v / 0.1) * (600e-6 / math.pi) * 7000.0 * B0 * thrust_factor
@@ -87,6 +92,19 @@ def skin_friction(v):
 def pulse_width(v):
     omega_tau = K * v * 600e-6
     return math.cos(omega_tau / 2) / (1 - (omega_tau / math.pi) ** 2)
+
+
+def alive(z):
+    """What dead_coils at 8 m with a fraction of 0.4 leaves of lift and drag."""
+    away = abs(z - 8.0)
+    return 1 - 0.4 * math.cos(math.pi * away / 0.65) ** 2 if away < 0.325 else 1.0
+
+
+def wheels(x):
+    """Forces of wheels that reach 4 mm down: surge, sway, heave, roll."""
+    gap, rate, turn = gaps_of(x)
+    load = max(2e4 * (4e-3 - gap[0]) - 300.0 * rate[0], 0.0) if gap[0] < 4e-3 else 0.0
+    return (-0.05 * load * np.sign(x[4]), 0.0, load, load * (turn @ np.array(ARMS[0]))[0])
 
 
 TABLE = {"variable": 0.0, "start": 1.0, "step": 3.0, "knots": 5.0, "values": (0.1, -0.4, 0.3, 0.7, -0.2)}
@@ -132,7 +150,23 @@ FORMULAS = {
         {"force": 30.0}, lambda x, t: {"added": (0, 0, -30.0 * math.exp(-2 * K * gaps_of(x)[0][0]), 0)},
     ),
     "halbach_fifth_harmonic": ({"relative_amplitude": 0.2}, lambda x, t: {"harmonic": 0.2}),
+    "dead_coils": ({"place": 8.0, "fraction": 0.4}, lambda x, t: {"coils": alive(x[0])}),
+    "joint_step": (
+        {"height": -1e-3, "place": 8.0},
+        lambda x, t: {
+            "height": -1e-3 / (1 + math.exp(-2 * (x[0] - 8.0) / 0.05)),
+            "height_rate": -1e-3 * 0.5 / 0.05 / math.cosh(min(abs(x[0] - 8.0) / 0.05, 300.0)) ** 2 * x[4],
+        },
+    ),
+    "auxiliary_wheels": (
+        {"height": 4e-3, "stiffness": 2e4, "damping": 300.0, "rolling_resistance": 0.05}, lambda x, t: {"added": wheels(x)},
+    ),
+    "bungee_launcher": ({"stiffness": 40.0, "stroke": 12.0}, lambda x, t: {"added": (40.0 * max(12.0 - x[0], 0.0), 0, 0, 0)}),
+    "track_temperature": ({"coefficient": 4e-3}, lambda x, t: {"R": 1.5e-3 * (1 + 4e-3 * 15.0)}),
+    "magnet_temperature": ({"coefficient": -1.1e-3}, lambda x, t: {"B0": 0.52 * (1 - 1.1e-3 * 40.0)}),
 }  # fmt: skip
+#: The conditions under which the formulas hold.
+CONDITIONS = {"track_temperature": 35.0, "magnet_temperature": 60.0}
 #: The same of smooth forces in place of what is not known.
 STAND_INS = {
     "stand_in_heave": (TABLE, lambda x, t: {"added": (0, 0, table(x[0]), 0)}),
@@ -142,7 +176,7 @@ STAND_INS = {
 #: States near the track: in flight, touching, rolling either way (surge, sway, heave, roll, then their rates); not at a
 #: gap of exactly zero, where rounding decides whether a closing contact pushes.
 STATES = st.tuples(
-    st.floats(0, 50), st.floats(-3e-3, 3e-3), st.floats(-0.0101, -0.01001) | st.floats(-0.00999, 4e-3), st.floats(-0.01, 0.01),
+    st.floats(0, 50) | st.floats(7.6, 8.4), st.floats(-3e-3, 3e-3), st.floats(-0.0101, -0.01001) | st.floats(-0.00999, 4e-3), st.floats(-0.01, 0.01),
     st.floats(-5, 60), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-2, 2),
 ).map(list)  # fmt: skip
 TIMES = st.floats(0, 5)
@@ -151,7 +185,7 @@ QUICK = settings(max_examples=60, deadline=None, derandomize=True)
 
 def simulate(effects=(), seconds=0.2, dof=4, current=7000.0, times=None, **start):
     """A run from the plain model's equilibrium heave, so that two runs differ by the effect alone."""
-    model = Model.create(effects=effects, dof=dof)
+    model = Model.create(effects=effects, dof=dof, conditions=CONDITIONS)
     x = Model.default().initial_state(**start)
     return model.simulate(np.linspace(0.0, seconds, 51) if times is None else times, x[:8], current)
 
@@ -162,9 +196,9 @@ def simulate(effects=(), seconds=0.2, dof=4, current=7000.0, times=None, **start
 def test_the_contract_is_kept():
     shipped = catalogue()
     assert {name: list(item.parameters) for name, item in shipped.items() if name in CONTRACT} == CONTRACT
-    assert {n for n in CONTRACT if shipped[n].of_channel} == {"sensor_bias", "sensor_scale", "sensor_delay"}
-    cradle = {n for n in CONTRACT if not shipped[n].of_channel}
-    assert cradle == {*FORMULAS, "coil_current_dynamics"}
+    assert {n for n in CONTRACT if shipped[n].of_sensor} == {n for n in CONTRACT if n.startswith("sensor_")}
+    cradle = {n for n in CONTRACT if not shipped[n].of_sensor}
+    assert cradle == {*FORMULAS, "coil_current_dynamics", "flexible_mode"}
 
 
 @QUICK
@@ -177,11 +211,14 @@ def test_the_reference_is_the_model(x):
 @pytest.mark.parametrize("name", [*FORMULAS, *STAND_INS])
 def test_formula(name):
     parameters, formula = (FORMULAS | STAND_INS)[name]
-    model = Model.create(effects={name: parameters})
+    model = Model.create(effects={name: parameters}, conditions=CONDITIONS)
+    pulsed = None if catalogue()[name].only else model.with_changes(drive="pulses")
 
     @QUICK
     @given(x=STATES, t=TIMES)
     def check(x, t):
+        if pulsed:  # between two pulses nothing drives
+            assert pulsed.wrenches(x, t)["total"] == pytest.approx(reference(x, **(formula(x, t) | {"thrust_factor": 0.0})), rel=1e-9, abs=1e-7)
         parts = model.wrenches(x, t)
         expected = reference(x, **formula(x, t))
         assert parts["total"] == pytest.approx(expected, rel=1e-9, abs=1e-7)
@@ -303,6 +340,49 @@ def test_friction_holds_a_cradle_that_stands():
     assert acceleration[-1] == pytest.approx(drag, rel=1e-3)
 
 
+def test_a_bungee_gives_what_it_holds():
+    """½ k stroke², all of it, and nothing behind its stroke."""
+    model = Model.create({"gamma": 0.0, "peak_field": 0.0}, {"bungee_launcher": {"stiffness": 200.0, "stroke": 2.0}}, dof=["surge"])
+    run = model.simulate(np.linspace(0, 2, 201), np.zeros(8))
+    assert 0.5 * 9.3 * run["surge_rate"][-1] ** 2 == pytest.approx(0.5 * 200.0 * 2.0**2, rel=1e-6)
+    assert run["surge_acceleration"][-1] == 0.0
+
+
+def test_wheels_give_back_what_their_spring_holds_and_no_more():
+    """A cradle dropped on wheels without damping comes back as high as it was; with damping it comes to rest at k(h − g) = m a_g."""
+    times = np.linspace(0, 3, 3001)
+
+    def drop(damping):
+        effects = {"auxiliary_wheels": {"height": 3e-3, "stiffness": 2e5, "damping": damping}}
+        model = Model.create({"peak_field": 0.0}, effects, dof=["heave"])
+        return model.simulate(times, model.initial_state(heave=-0.005))["heave"]
+
+    free = drop(0.0)
+    assert free.max() == pytest.approx(-0.005, abs=5e-6)  # 40 bounces, a tenth of a micrometre each where the wheels begin within a step
+    assert free[1500:].max() > -0.005 - 1e-5
+    damped = drop(400.0)
+    assert damped.max() == -0.005
+    assert damped[-1] == pytest.approx(3e-3 - 0.01 - WEIGHT / 2e5, abs=1e-9)
+
+
+def test_wheels_hold_a_cradle_that_stands():
+    """Rolling resistance is what is needed, no more, as friction is."""
+    effects = {"auxiliary_wheels": {"height": 3e-3, "stiffness": 1e5, "damping": 400.0, "rolling_resistance": 0.02}, "track_slope": {"angle": 0.01}}
+    model = Model.create(effects=effects)
+    run = model.simulate(np.linspace(0, 3, 301), model.initial_state(surge_rate=0.3), 0.0)
+    assert run["surge_rate"][-1] == 0.0 and np.ptp(run["surge"][-50:]) == 0.0
+    steep = model.with_changes(effects={**effects, "track_slope": {"angle": 0.03}})
+    assert steep.simulate(np.linspace(0, 3, 301), model.initial_state(), 0.0)["surge_rate"][-1] < -0.1
+
+
+def test_dead_coils_take_lift_and_drag_alike():
+    """No power comes of coils that are not there: where they lift less they brake less."""
+    x = [8.0, 0, -0.005, 0, 20.0, 0, 0, 0]
+    dead, whole = (Model.create(effects={"dead_coils": {"place": 8.0, "fraction": f}}).wrenches(x) for f in (1.0, 0.0))
+    assert dead["lift"] == pytest.approx(np.zeros(4)) and dead["drag"] == pytest.approx(np.zeros(4))
+    assert dead["thrust"] == pytest.approx(whole["thrust"])
+
+
 # -- direction ------------------------------------------------------------------------------------------------------
 
 DIRECTIONS = {  # parameters, what moves and where to, the start besides 25 m/s (all above R/kL = 13.3 m/s)
@@ -329,6 +409,12 @@ DIRECTIONS = {  # parameters, what moves and where to, the start besides 25 m/s 
     "crosswind": ({"force": 1.0}, "sway", 1, {}),
     "beam_attraction": ({"force": 20.0}, "heave", -1, {}),
     "halbach_fifth_harmonic": ({"relative_amplitude": 0.1}, "heave", 1, {}),
+    "dead_coils": ({"place": 0.5, "fraction": 0.5}, "heave", -1, {}),
+    "joint_step": ({"height": 1e-3, "place": 0.0}, "heave", 1, {}),
+    "auxiliary_wheels": ({"height": 6e-3, "stiffness": 1e4}, "heave", 1, {}),
+    "bungee_launcher": ({"stiffness": 10.0, "stroke": 2.0}, "surge", 1, {}),
+    "track_temperature": ({"coefficient": 4e-3}, "surge", -1, {}),
+    "magnet_temperature": ({"coefficient": -1e-3}, "heave", -1, {}),
 }
 
 
@@ -349,6 +435,10 @@ def test_every_cradle_effect_has_a_direction():
 # -- the unsteady coil current --------------------------------------------------------------------------------------
 
 
+#: Where the current's two states stand.
+CURRENT = [Model.default().kernel.states.index(f"coil_current_dynamics.current_{part}") for part in ("real", "imaginary")]
+
+
 def derivative(model, x):
     """dx of the compiled right-hand side, coil current included."""
     return model._evaluate(0.0, np.asarray(x, float), model.vector, model.switches)[0]
@@ -362,19 +452,20 @@ def test_steady_coil_current_is_the_averaged_law(x):
     x = [*x[:4], abs(x[4]), 0.0, 0.0, 0.0]
     full = model.with_effect_states(x)
     assert model.wrenches(full)["total"] == pytest.approx(Model.default().wrenches(x)["total"], rel=1e-9, abs=1e-7)
-    assert np.abs(derivative(model, full)[8:]).max() <= 1e-9 * (1 + np.abs(full[8:]).max()) * 6e3
+    current = full[CURRENT]
+    assert np.abs(derivative(model, full)[CURRENT]).max() <= 1e-9 * (1 + np.abs(current).max()) * 6e3
 
 
 def test_coil_current_settles_from_nothing():
     """Started without current, a cradle too heavy to move finds (36) and (38) with the time constant L/R = 1.2 ms."""
     model = Model.create({"mass": 1e5, "gravity": 0.0}, ["coil_current_dynamics"])
     x = model.with_effect_states([0, 0, -0.005, 0, 20.0, 0, 0, 0])
-    steady = x[8:].copy()
-    x[8:] = 0.0
+    steady = x[CURRENT].copy()
+    x[CURRENT] = 0.0
     envelope = []
     for step in range(10):
         x = model.advance(x, step * 1e-3, (step + 1) * 1e-3)
-        envelope.append(np.hypot(*(x[8:] - steady)))
+        envelope.append(np.hypot(*(x[CURRENT] - steady)))
     decay = np.array(envelope[1:6]) / np.array(envelope[:5])
     assert decay == pytest.approx(np.full(5, math.exp(-1e-3 * 1.5e-3 / 1.8e-6)), rel=1e-3)
 
@@ -383,11 +474,11 @@ def heave_damping_of_lag(speed):
     """c of m ÿ + c ẏ + … at held speed: −2 m Re λ of the bounce, linearised with its two current states."""
     model = Model.create(effects=["coil_current_dynamics"], dof=1)
     centre = model.with_effect_states(model.initial_state(surge_rate=speed))
-    places = [2, 6, 8, 9]
-    sizes = [1e-7, 1e-5, *(1e-5 * np.abs(centre[8:]).max() * np.ones(2))]
+    places = [2, 6, *CURRENT]
+    sizes = [1e-7, 1e-5, *(1e-5 * np.abs(centre[CURRENT]).max() * np.ones(2))]
     matrix = np.empty((4, 4))
     for column, (place, size) in enumerate(zip(places, sizes, strict=True)):
-        step = np.zeros(10)
+        step = np.zeros(len(centre))
         step[place] = size
         matrix[:, column] = (derivative(model, centre + step) - derivative(model, centre - step))[places] / (2 * size)
     values = np.linalg.eigvals(matrix)

@@ -118,6 +118,29 @@ def test_rows_before_the_header(tmp_path, plain):
     assert np.array_equal(run.values, plain.values, equal_nan=True) and run.notes == ("3 rows before the header left out",)
 
 
+def test_a_header_that_stands_again_is_left_out(tmp_path, plain):
+    """A logger that is started again appends to its file."""
+    first, *rows = PLAIN.splitlines(keepends=True)
+    run = read(tmp_path, first + rows[0] + first + "".join(rows[1:]))
+    assert np.array_equal(run.values, plain.values, equal_nan=True)
+    assert run.notes == ("1 more header between the rows left out",)
+
+
+@pytest.mark.parametrize(
+    ("times", "notes"),
+    [
+        (["11:59:59.5 AM", "12:00:00 PM", "12:00:00.25 PM"], 0),
+        (["12:59:59.5 am", "1:00:00 am", "1:00:00.25 am"], 0),
+        (["12:59:59.5 p.m.", "1:00:00 p.m.", "1:00:00.25 p.m."], 0),
+        (["11:59:59.5 PM", "12:00:00 AM", "12:00:00.25 AM"], 1),
+        (["23:59:59.5", "00:00:00", "00:00:00.25"], 1),
+    ],
+)
+def test_times_of_day(tmp_path, times, notes):
+    run = read(tmp_path, "time,heave\n" + "".join(f"{t},{i}\n" for i, t in enumerate(times)))
+    assert np.allclose(run.times, [0.0, 0.5, 0.75]) and len(run.notes) == notes
+
+
 def test_a_row_that_was_cut_off_is_left_out(tmp_path):
     run = read(tmp_path, "time,surge,heave\n0,1,1\n1,2,2\n2,3")
     assert run.times.tolist() == [0, 1] and run.notes == ("the last row (4) is cut off and left out",)

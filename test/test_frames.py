@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -27,11 +27,13 @@ def test_the_change_of_frame_is_a_proper_rotation():
     assert np.array_equal(matrix @ matrix.T, np.eye(3))
 
 
+@settings(deadline=None)
 @given(triples)
 def test_vectors_come_back(vectors):
     assert np.array_equal(frames.ros_to_paper(frames.paper_to_ros(vectors)), vectors)
 
 
+@settings(deadline=None)
 @given(angles)
 def test_roll_comes_back_from_a_unit_quaternion(roll):
     quaternion = frames.roll_to_quaternion(roll)
@@ -68,18 +70,21 @@ def test_a_zero_quaternion_has_no_roll():
     assert np.isnan(frames.quaternion_to_roll([0, 0, 0, 0]))
 
 
+@settings(deadline=None)
 @given(fours)
 def test_rates_and_wrenches_come_back(values):
     assert np.array_equal(frames.twist_to_rates(*frames.rates_to_twist(values)), values)
     assert np.array_equal(frames.wrench_to_force(*frames.force_to_wrench(values)), values)
 
 
+@settings(deadline=None)
 @given(arrays(float, (5, 3), elements=numbers), angles)
 def test_coordinates_come_back(positions, roll):
     coordinates = np.column_stack([positions, roll])
     assert np.allclose(frames.pose_to_coordinates(*frames.coordinates_to_pose(coordinates)), coordinates, atol=1e-12)
 
 
+@settings(deadline=None)
 @given(fours, angles)
 def test_a_twist_in_the_cradle_axes_comes_back(rates, roll):
     linear, angular = frames.rates_to_body_twist(rates, roll)
@@ -107,6 +112,7 @@ def test_an_accelerometer_in_free_fall_shows_nothing():
     assert frames.accelerations_to_specific_force([0, 0, -9.81], 0.7) == pytest.approx([0, 0, 0])
 
 
+@settings(deadline=None)
 @given(triples, angles, st.floats(0, 20))
 def test_specific_force_comes_back(accelerations, roll, gravity):
     felt = frames.accelerations_to_specific_force(accelerations, roll, gravity)

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
+from conftest import NIGHTLY
 from geometry_msgs.msg import PointStamped, PoseStamped
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
@@ -47,7 +48,7 @@ LONGEST = 60.0  # s for one input, on a busy machine; then it hangs, and the tes
 
 def fuzz(share: int):
     """Settings of a fuzz test: so many inputs in the tests, twenty-five times as many at night."""
-    nightly = settings.get_current_profile_name() == "nightly"
+    nightly = settings().max_examples == NIGHTLY.max_examples
     return settings(
         max_examples=25 * share if nightly else share,
         deadline=None,

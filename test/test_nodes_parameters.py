@@ -197,6 +197,17 @@ def test_a_model_of_coordinates_by_name_runs_in_the_monitor_too(start):
     assert status == 0 and list(found["dof"]) == ["sway", "heave"]
 
 
+@pytest.mark.parametrize("node", ["sim", "monitor"])
+def test_plant_effects_and_their_conditions_are_parameters(start, node):
+    text = """{effects: [track_temperature, flexible_mode, auxiliary_wheels], track_temperature: {coefficient: 0.004},
+      flexible_mode: {frequency: 25.0}, auxiliary_wheels: {height: 0.003, stiffness: 1.0e+5}, conditions: {track_temperature: 35.0}}"""
+    status, found, _ = start(node, text)
+    assert status == 0
+    assert found["conditions.track_temperature"] == 35.0 and found["flexible_mode.frequency"] == 25.0 and found["auxiliary_wheels.damping"] == 0.0
+    status, _, said = start(node, "{effects: [track_temperature], conditions: {trck_temperature: 35.0}}")
+    assert status == 2 and "did you mean 'track_temperature'" in said
+
+
 def test_effect_files_are_sought_beside_the_file_that_names_them(start, tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "mine.py").write_text((Path(__file__).parent.parent / "examples" / "my_effect.py").read_text())

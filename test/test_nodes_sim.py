@@ -133,11 +133,12 @@ def test_a_wrong_parameter_is_refused_by_name_at_the_start(ros, given, says):
 
 def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
     effects = {"viscous_drag": {"coefficient": 0.5}, "sensor_delay:heave": {"delay": 0.002},
-               "stand_in_heave": {"values": [0.0, 0.1, 0.2]}, "magnetised_patch": {"force": 2.0}}  # fmt: skip
+               "stand_in_heave": {"values": [0.0, 0.1, 0.2]}, "magnetised_patch": {"force": 2.0},
+               "track_temperature": {"coefficient": 0.004}}  # fmt: skip
     model = Model.create({"eta": 0.74}, effects, effect_files=[MY_EFFECT])
     model.save(tmp_path / "model.yaml")
     sim = ros.start("sim", "--ros-args", "--params-file", str(tmp_path / "model.yaml"))
-    sim.wait_for("effects: viscous_drag, sensor_delay:heave, stand_in_heave, magnetised_patch")
+    sim.wait_for("effects: viscous_drag, sensor_delay:heave, stand_in_heave, magnetised_patch, track_temperature")
     viscous = ros.listen(WrenchStamped, "/inductrack/wrench/viscous_drag")
     twist = ros.listen(TwistStamped, "/inductrack/twist")
     ros.wait(lambda: viscous and twist, "the effect's wrench")
@@ -145,6 +146,9 @@ def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
 
     assert ros.set_parameter("/inductrack/sim", "viscous_drag.coefficient", 2.0).successful
     ros.wait(lambda: viscous[-1].wrench.force.x < -1.9 * twist[-1].twist.linear.x, "the new coefficient to count")
+    warm = ros.listen(WrenchStamped, "/inductrack/wrench/track_temperature")
+    assert ros.set_parameter("/inductrack/sim", "conditions.track_temperature", 60.0).successful
+    ros.wait(lambda: warm and warm[-1].wrench.force.x < -1.0, "the temperature to count")  # what is resistive brakes more
     live = {"eta": 0.75, "drive_current": 6000.0, "speed_factor": 0.5, "stand_in_heave.values": [0.5, 0.0]}
     for name, value in (live | {"measured.heave.noise": 0.0}).items():
         assert ros.set_parameter("/inductrack/sim", name, value).successful

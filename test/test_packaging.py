@@ -5,17 +5,17 @@ from __future__ import annotations
 import ast
 import os
 import re
-import runpy
 import shutil
 import subprocess
 import sys
-import types
 import xml.etree.ElementTree as ElementTree
 from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 import yaml
+
+from inductrack_ros import cli
 
 ROOT = Path(__file__).parent.parent
 #: What a build needs; not .venv, not what other builds left.
@@ -89,7 +89,7 @@ def test_package_xml_agrees_with_setup_py():
     text = (ROOT / "setup.py").read_text()
     arguments = {k.arg: k.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Call) for k in n.keywords}
     assert manifest.get("format") == "3" and manifest.find("export/build_type").text == "ament_python"
-    assert manifest.findtext("version") == ast.literal_eval(arguments["version"])
+    assert re.search(rf"^{re.escape(manifest.findtext('version'))} \(\d{{4}}-\d\d-\d\d\)\n-+\n", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE)
     keys = {e.text for e in manifest if e.tag.endswith("depend")}
     # Every ROS package that the nodes import is declared, under its own name.
     imported = set()
@@ -113,6 +113,13 @@ def test_entry_points_exist():
     assert all(callable(ours[name].load()) for name in NODES)
 
 
+def test_the_version_stands_in_package_xml_alone(capsys):
+    with pytest.raises(SystemExit) as left:
+        cli.main(["--version"])
+    said = ElementTree.parse(ROOT / "package.xml").findtext("version")
+    assert left.value.code == 0 and capsys.readouterr().out == f"inductrack {said}\n"
+
+
 def test_make_uses_a_sourced_distribution_and_brings_ros_otherwise():
     bare = run("make", "-n", "setup", "VENV=none", "AMENT_PREFIX_PATH=", cwd=ROOT)
     sourced = run("make", "-n", "setup", "VENV=none", "AMENT_PREFIX_PATH=/opt/ros/jazzy", "ROS_DISTRO=jazzy", cwd=ROOT)
@@ -133,30 +140,21 @@ def test_the_parameter_file_names_what_exists():
         assert given and set(given) <= {*own, *Model.default().parameters}
 
 
-def test_the_launch_file_describes_its_arguments(monkeypatch):
-    """With the real `launch` where there is a distribution; else with stand-ins that take anything."""
-    try:
-        import launch_ros  # noqa: F401
-    except ImportError:
+SKIPS_ITSELF = """
+import pytest
 
-        class Anything:
-            def __init__(self, *args, **kwargs):
-                self.args, self.kwargs = args, kwargs
+pytest.importorskip("no_such_module")
 
-        names = {
-            "launch": ["LaunchDescription"],
-            "launch.actions": ["DeclareLaunchArgument", "ExecuteProcess"],
-            "launch.conditions": ["IfCondition"],
-            "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution", "PythonExpression"],
-            "launch_ros": [],
-            "launch_ros.actions": ["Node"],
-            "launch_ros.substitutions": ["FindPackageShare"],
-        }
-        for module, classes in names.items():
-            stand_in = types.ModuleType(module)
-            for name in classes:
-                setattr(stand_in, name, type(name, (Anything,), {}))
-            monkeypatch.setitem(sys.modules, module, stand_in)
-    module = runpy.run_path(str(ROOT / "launch/inductrack.launch.py"))
-    assert module["generate_launch_description"]() is not None
-    assert "params_file" in module["ARGUMENTS"] and all(meaning for _, meaning in module["ARGUMENTS"].values())
+def test_one():
+    pass
+"""
+
+
+def test_a_run_from_which_tests_are_missing_fails(tmp_path):
+    """Under colcon one file that skips itself ended the collection: one test of 1,400 ran, and passed."""
+    skips = tmp_path / "test_skips.py"
+    skips.write_text(SKIPS_ITSELF)
+    for files, status, said in (["test_frames.py"], 0, "tests collected"), (["test_frames.py", str(skips)], 4, "test_skips.py::test_one"):
+        command = [sys.executable, "-m", "pytest", "--collect-only", *files]
+        done = subprocess.run(command, cwd=ROOT / "test", capture_output=True, text=True, check=False)
+        assert done.returncode == status and said in done.stdout + done.stderr, done.stdout + done.stderr

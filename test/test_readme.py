@@ -6,6 +6,7 @@ import ast
 import os
 import re
 import shlex
+import textwrap
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from inductrack_ros.core.effects import catalogue, load_effects
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.parameters import PARAMETERS as MODEL
 from inductrack_ros.nodes import interface_tables, monitor, play, record
+from inductrack_ros.nodes.launching import ARGUMENTS
 from inductrack_ros.nodes.parameters import MODEL_OPTIONS
 from inductrack_ros.nodes.sim import OWN
 from inductrack_ros.nodes.track_controller import DECLARED
@@ -26,7 +28,7 @@ README, USAGE, INSTALLATION, INTERFACES = (
     (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/usage.md", "docs/installation.md", "docs/interfaces.md")
 )
 BLOCKS = re.findall(r"```(\w*)\n(.*?)```", README + USAGE + INSTALLATION, re.DOTALL)
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 #: Programs that are not ours and take nothing of ours.
 FOREIGN = {"sudo", "pip", "mkdir", "source", "export", "rosdep"}
 PARAMETERS = {
@@ -105,9 +107,8 @@ def check_parameters(node: str, words: list[str]) -> None:
 def check_ros2(words: list[str], tables: str) -> None:
     if words[0] == "launch":
         assert words[1] == "inductrack_ros" and (ROOT / "launch" / words[2]).is_file()
-        module = ast.parse((ROOT / "launch" / words[2]).read_text())
-        table = next(n.value for n in module.body if isinstance(n, ast.Assign) and n.targets[0].id == "ARGUMENTS")
-        assert {w.partition(":=")[0] for w in words[3:]} <= {key.value for key in table.keys}
+        for name, _, value in (word.partition(":=") for word in words[3:]):
+            assert value in (ARGUMENTS[name].choices or [value])
     elif words[0] == "run":
         assert words[1] == "inductrack_ros"
         check(words[2:], tables)
@@ -138,7 +139,7 @@ def test_the_readme_is_short():
     assert len(README.splitlines()) <= 90
     (picture,) = re.findall(r"!\[[^]]+\]\(([^)]+)\)", README)
     assert (ROOT / picture).read_bytes().startswith(b"\x89PNG")
-    assert {p.name for p in (ROOT / "docs").glob("*.md")} <= set(re.findall(r"\(docs/([\w.]+)\)", README))
+    assert {p.name for p in (ROOT / "docs").glob("*.md")} - {"index.md", "contributing.md"} <= set(re.findall(r"\(docs/([\w.]+)\)", README))
 
 
 def test_the_campaign_that_it_writes_can_be_read(tmp_path):
@@ -187,3 +188,32 @@ def test_the_security_note_is_true():
     assert asked == {f"inductrack_ros/{n}" for n in ("demo.py", "nodes/domain.py", "nodes/interface_tables.py")}
     assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     assert 40 <= int(os.environ["ROS_DOMAIN_ID"]) <= 99
+
+
+def test_what_the_recipes_name_exists():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    files = {f for f in re.findall(r"`([\w./]+\.(?:py|md|rst|yaml|xml))`", text) if "/" in f} - {"inductrack_ros/core/effects/drive_lag.py"}
+    assert len(files) > 20
+    for name in files:
+        assert (ROOT / name).exists() or (ROOT / "inductrack_ros" / name).exists(), name
+    sources = "".join(p.read_text(encoding="utf-8") for p in (ROOT / "inductrack_ros").rglob("*.py"))
+    for name in set(re.findall(r"`(_?[A-Z_]{3,}|_\w+)`", text)):
+        assert re.search(rf"^(def |\s+def |class )?{name}\b", sources, re.MULTILINE), name
+    recipes = re.findall(r"^### (.*)", text, re.MULTILINE)
+    assert len(recipes) == 6
+
+
+def test_the_effects_of_the_recipes_work(tmp_path):
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.DOTALL)
+    sources = [textwrap.dedent(block) for block in blocks if "@effect" in block]
+    files = [tmp_path / f"effect_{i}.py" for i in range(len(sources))]
+    for file, source in zip(files, sources, strict=True):
+        file.write_text(source.replace("from . import", "from inductrack_ros.core.effects import"))
+    model = Model.create({"contact_stiffness": 1e3}, {"drive_lag": {"time_constant": 0.05}, "hertz_contact": {"stiffness": 1e9}}, effect_files=files)
+    state = model.with_effect_states([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    fallen = model.advance(state, 0.0, 0.5, drive_current=0.0)
+    sunk = -fallen[2] - model.parameters["nominal_gap"]
+    assert 1e9 * sunk**1.5 + 1e3 * sunk == pytest.approx(model.parameters["mass"] * model.parameters["gravity"], rel=1e-3)
+    lagging = model.with_effect_states([0.0, 0.0, -0.005, 0.0, 20.0, 0.0, 0.0, 0.0])
+    lagging[-1] = 0.0  # no thrust yet
+    assert model.quantities(lagging)["thrust"] == 0.0

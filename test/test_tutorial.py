@@ -6,12 +6,11 @@ import json
 import os
 import re
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import pytest
-from conftest import wait_until
+from conftest import BIN, wait_until
 
 from inductrack_ros.core.compiled import cache_folder
 from inductrack_ros.data import read_bag
@@ -30,7 +29,7 @@ class Shell:
     """One bash that is fed block by block; what it and its background jobs say is one text."""
 
     def __init__(self, home: Path) -> None:
-        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        path = f"{BIN}{os.pathsep}{os.environ['PATH']}"
         environment = os.environ | {"HOME": str(home), "INDUCTRACK_CACHE": str(cache_folder()), "PATH": path}
         self._bash = subprocess.Popen(
             ["bash"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT, env=environment

@@ -8,19 +8,17 @@ import pty
 import re
 import signal
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 import yaml
-from conftest import wait_until
+from conftest import BIN, wait_until
 from rich.console import Console
 
 from inductrack_ros import cli
 from inductrack_ros.nodes.messages import flat, plain
 from inductrack_ros.nodes.watch_view import View, line, screen, words_of_list
 
-INDUCTRACK = str(Path(sys.executable).parent / "inductrack")
+INDUCTRACK = str(BIN / "inductrack")
 
 
 def as_text(view: View, width: int = 80) -> str:

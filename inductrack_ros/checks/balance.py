@@ -32,16 +32,20 @@ DEEP = 0.5
 
 @dataclass(frozen=True)
 class Reading:
-    """How the data are read: what their time, their drive current and each channel is multiplied by; `swapped` gaps changed places."""
+    """How the data are read: what their time, their drive current and each channel is multiplied by; two channels that change places."""
 
     time: float = 1.0
     current: float = 1.0
     channels: Mapping[str, float] = field(default_factory=dict)
-    swapped: bool = False
+    swapped: tuple[str, ...] = ()
 
     def of(self, channel: str) -> float:
         """The factor of a channel."""
         return self.channels.get(channel, 1.0)
+
+    def source(self, channel: str) -> str:
+        """The column in which a channel stands."""
+        return self.swapped[1 - self.swapped.index(channel)] if channel in self.swapped else channel
 
     def times(self, channel: str, factor: float) -> Reading:
         """The same with one channel multiplied."""
@@ -59,8 +63,8 @@ class Windows:
     noise: Mapping[str, float]
 
 
-def windows_of(campaign: Campaign, channels: Mapping[str, Channel]) -> Windows | None:
-    """Windows spread over the campaign; None where the runs are too short or do not tell place and speed."""
+def windows_of(campaign: Campaign, channels: Mapping[str, Channel], most: int = WINDOWS) -> Windows | None:
+    """About ``most`` windows spread over the campaign; None where the runs are too short or do not tell place and speed."""
     stated = all("surge_rate" in run.initial_state for run in campaign.runs)
     if not ({"heave", "gap_top"} & channels.keys()) or not (stated or {"surge", "surge_rate"} & channels.keys()):
         return None
@@ -69,7 +73,7 @@ def windows_of(campaign: Campaign, channels: Mapping[str, Channel]) -> Windows |
     if not {"heave", "gap_top"} & set(names):  # measured in some runs only
         return None
     half = _half(campaign, channels, [c for c in names if c in SWINGING])
-    cut = [_cut(run, names, half, -(-WINDOWS // len(campaign.runs))) for run in campaign.runs]
+    cut = [_cut(run, names, half, -(-most // len(campaign.runs))) for run in campaign.runs]
     parts = [p for p in cut if p is not None]
     if not parts or sum(len(p[0]) for p in parts) < FEWEST:
         return None
@@ -149,7 +153,7 @@ def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float
 def _off(c: str, windows: Windows, model: Model, reading: Reading, motion: _Motion, places: Mapping[str, Array], rows: Array) -> float | None:
     """How far a coordinate's changes of speed in some windows are from what they should be; None where neither stands over the noise."""
     did, should = motion.change(c)[rows], _change(motion.times, places[f"{c}_acceleration"])[rows]
-    noise = 2.4 * abs(reading.of(c)) * windows.noise.get(c, windows.noise.get("gap_top", 0.0)) / float(np.median(motion.times[:, -1]))
+    noise = 2.4 * abs(reading.of(c)) * windows.noise.get(reading.source(c), windows.noise.get("gap_top", 0.0)) / float(np.median(motion.times[:, -1]))
     size = max(np.median(np.abs(did)), np.median(np.abs(should)), _ground(c, model, motion, places))
     return float(np.median(np.abs(did - should)) / size) if size > CLEAR * noise else None
 
@@ -181,7 +185,7 @@ class _Motion:
 
 def _motion(windows: Windows, model: Model, reading: Reading) -> _Motion:
     times = windows.times * reading.time
-    states = {c: reading.of(c) * v for c, v in windows.values.items() if c in COORDINATES}
+    states = {c: reading.of(c) * windows.values[reading.source(c)] for c in windows.values if c in COORDINATES}
     if "heave" not in states:
         states |= _by_gaps(windows, model, reading, states)
     if "surge" in states:
@@ -200,7 +204,7 @@ def _by_gaps(windows: Windows, model: Model, reading: Reading, states: Mapping[s
     names = [g for g in GAPS if g in windows.values]
     slopes = {c: np.array([(model.quantities(1e-6 * np.eye(8)[k])[g] - rest[g]) / 1e-6 for g in names]) for k, c in enumerate(COORDINATES)}
     wanted = ["heave", "sway"] if {"gap_right", "gap_left"} <= set(names) else ["heave"]
-    opened = np.stack([reading.of(g) * windows.values[g] - rest[g] for g in names])
+    opened = np.stack([reading.of(g) * windows.values[reading.source(g)] - rest[g] for g in names])
     if "roll" in states:
         opened = opened - slopes["roll"][:, None, None] * states["roll"]
     solved = np.tensordot(np.linalg.pinv(np.stack([slopes[c] for c in wanted], axis=1)), opened, axes=1)
@@ -246,10 +250,9 @@ def _gap_misfits(windows: Windows, reading: Reading, places: Mapping[str, Array]
     measured = [g for g in GAPS if g in windows.values]
     if not {"sway", "heave", "roll"} <= windows.values.keys():
         return {}
-    other = {"gap_left": "gap_right", "gap_right": "gap_left"} if reading.swapped else {}
     found = {}
     for g in measured:
-        did, should = reading.of(g) * windows.values[g], places[other.get(g, g)]
+        did, should = reading.of(g) * windows.values[reading.source(g)], places[g]
         off = np.median(did - should)
         size = np.hypot(*(np.median(np.abs(y - np.median(y))) for y in (did, should)))
         noise = abs(reading.of(g)) * windows.noise[g]

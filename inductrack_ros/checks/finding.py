@@ -76,13 +76,6 @@ def worst_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda f: SEVERITIES.index(f.severity)))
 
 
-def merged(first: Iterable[Finding], later: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Both, worst first; of the same kind about the same channel the later one, which saw more."""
-    later = tuple(later)
-    known = {(f.kind, f.channel) for f in later}
-    return worst_first([f for f in first if (f.kind, f.channel) not in known] + list(later))
-
-
 def impossible(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Those that say that the data cannot be meant as they are written."""
     return tuple(f for f in findings if f.severity == IMPOSSIBLE)

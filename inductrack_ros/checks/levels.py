@@ -30,6 +30,10 @@ LONGEST_STEP, SLOW_STEP, FEW = 600.0, 0.25, 20
 KINK = 4.0
 #: Nothing smaller than this part of the channel's range is called an outlier.
 SMALLEST = 1e-4
+#: Within this part of the nominal gap (of what the next sample may close) a cradle may touch, whatever its sensors' zeros.
+TOUCHING = 0.2
+#: No force pushes a cradle across the room that the track leaves it with so many times its weight.
+HARDEST = 10.0
 #: Written in place of a measurement that was not had. 0 is one where it stands far from its neighbours.
 FILLERS = (-9999.0, 9999.0, -999.0, 999.0, -99999.0, 99999.0, -99.99, 1e20, -1e20, 1e30, -1e30, 1e38, -1e38, 32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0)
 #: A value this many times the channel's usual range away from it is none of the channel's.
@@ -61,10 +65,12 @@ SAME_NOISE = 1.3
 UNIT = 3.0
 #: Correlation from which on a slope means anything.
 ALIKE = 0.9
-#: A speed (m/s) that is surely one.
-MOVING = 1.0
+#: A speed (m/s) that is surely one, and one that no cradle has.
+MOVING, FASTEST = 1.0, 300.0
 #: So many times the room that the track leaves is outside of it, whatever the sensors' zeros.
 OUTSIDE = 6.0
+#: An accelerometer's mean is gravity where it is that to this part of itself.
+UPRIGHT = 0.15
 #: A coordinate moves where it spans more than this many times its noise (noise alone spans 4.7 of them in 98 % of its samples).
 MOVES = 6.5
 #: Values of a run for each number that is free in it (its initial state), below which any model would fit.

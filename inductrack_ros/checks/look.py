@@ -18,7 +18,9 @@ from .noise_found import channels_of
 from .outliers import fillers, outliers
 from .pairs import pairs
 from .readings import readings
-from .sensors import sensors
+from .sensors import held, sensors
+from .stated import stated
+from .touch import Touch
 
 
 @np.errstate(all="ignore")  # what overflows or divides by nothing here is no number that anything is concluded from
@@ -28,17 +30,21 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     With a model its geometry and forces tell units and signs that the channels alone do not. What is set aside by one look the later
     ones do not see.
     """
+    touch = None if model is None else Touch.of(model)
     found = clocks(campaign)
     campaign = set_aside(campaign, found)
-    found += (fill := fillers(campaign))
-    campaign = set_aside(campaign, fill)
+    for once in (lambda: fillers(campaign, touch), lambda: held(campaign)):
+        found += (off := once())
+        campaign = set_aside(campaign, off)
     channels = channels_of(campaign)
-    found += (off := [*outliers(campaign, channels), *sensors(campaign, channels)])
+    found += (off := outliers(campaign, channels, touch))
     campaign = set_aside(campaign, off)
+    calm = campaign if touch is None else touch.calm(campaign)
+    found += (flat := sensors(campaign, calm, channels))
+    campaign, calm = set_aside(campaign, flat), set_aside(calm, flat)
     found += too_few(campaign, model)
-    noise, late = noises(campaign, channels), jitter(campaign, channels)
-    found += noise + late
-    found += pairs(campaign, channels) + excitation(campaign, channels)
+    found += noises(calm, channels) + jitter(campaign, channels)
+    found += stated(campaign, channels, model) + pairs(campaign, calm, channels) + excitation(campaign, channels)
     if model is not None and not any(f.kind in ("clock_jump", "hole", "time_unit") for f in impossible(found)):
         found += readings(campaign, channels, model)
     return worst_first(_causes_only(found))

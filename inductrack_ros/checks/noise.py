@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -14,38 +14,46 @@ from .noise_found import Channel
 
 #: What a factor between stated and found noise may come from.
 FACTORS = ((1e3, "mm, mrad or mm/s instead of SI units"), (180.0 / np.pi, "degrees instead of radians"), (100.0, "cm instead of m"), (1e6, "millionths instead of SI units"))
+#: The noise found scatters by this over the root of the number of samples; of fewer samples by more.
+SCATTER, FEWEST = 1.2, 60
 
 
-def noises(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Findings about every channel's noise."""
+def noises(calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Findings about every channel's noise; ``calm`` is the campaign without impacts, in which colour is looked for."""
     findings: list[Finding] = []
     for channel, about in channels.items():
-        spectral = spectrum.look(campaign, channel, about)
+        spectral = spectrum.look(calm, channel, about)
         findings += spectral
-        stated = campaign.noise_std.get(channel)
-        if stated and about.noise > 0.0 and not any(f.kind == "coloured_noise" for f in spectral):
-            findings += _differs(channel, stated, about)
+        stated = calm.noise_std.get(channel)
+        if stated and about.spread > 0.0 and about.noise > 0.0 and not any(f.kind == "coloured_noise" for f in spectral):
+            quiet = sum(len(run.samples(channel)[1]) for run in calm.runs if channel in run.channels)
+            findings += _differs(channel, stated, about, quiet / about.count)
     return findings
 
 
-def _differs(channel: str, stated: float, about: Channel) -> list[Finding]:
+def _differs(channel: str, stated: float, about: Channel, quiet: float) -> list[Finding]:
+    """A finding where the noise is not as stated; ``quiet`` is the part of the channel in which nothing hits the track."""
     found = max(about.noise, about.step / np.sqrt(12.0)) if about.step else about.noise
     ratio = found / stated
-    if ratio > 1.0 and not about.resolved:  # what is found is motion between the samples as well
+    hit = quiet < 0.5 and channel != "surge"
+    if ratio > 1.0 and (hit or not about.resolved):  # what is found is motion between the samples as well
         return []
     size = {"ratio": ratio, "found": found, "stated": stated}
     unit = UNITS[channel]
     text = f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} of the noise_std stated, {number(stated)} {unit}"
     if not 1 / levels.NOISE_IMPOSSIBLE < ratio < levels.NOISE_IMPOSSIBLE:
-        hint = meant(ratio, FACTORS)
+        hint = meant(ratio, FACTORS if unit.startswith("m") else [f for f in FACTORS if not f[1].startswith("cm")])
         remedy = f"is one of the two in {hint}?" if hint else "noise_std is in SI units; correct it, or leave it out to have it estimated"
+        if meant(stated / found**2, ((1.0, "its square"),)):
+            remedy = f"noise_std is the standard deviation, not its square: {number(found)}"
         return [Finding("noise_differs", IMPOSSIBLE, text, remedy, channel, size=size)]
-    if 1 / levels.NOISE_DIFFERS < ratio < levels.NOISE_DIFFERS or about.step:
+    sure = levels.sigmas(1) * SCATTER / np.sqrt(about.count)
+    if about.count < FEWEST or abs(np.log(ratio)) < max(np.log(levels.NOISE_DIFFERS), sure) or about.step:
         return []
     return [Finding("noise_differs", WARNING, text, f"correct noise_std: {{{channel}: …}}, or leave it out to have it estimated", channel, size=size)]
 
 
-def meant(ratio: float, factors: tuple[tuple[float, str], ...]) -> str:
+def meant(ratio: float, factors: Iterable[tuple[float, str]]) -> str:
     """The unit that a ratio near one of the factors, or its inverse, comes from; empty for none."""
     for factor, name in factors:
         if abs(abs(np.log(ratio)) - np.log(factor)) < np.log(levels.NEAR):

@@ -14,8 +14,8 @@ from .local import deviations, misses, second_differences, some_blocks, spread
 
 #: Samples of a channel in each run that its step is looked for in.
 READINGS = 20_000
-#: Fewer different readings than this show no step.
-FEWEST_READINGS = 4
+#: Fewer different readings than this show no step, unless each occurs so many times.
+FEWEST_READINGS, OFTEN = 4, 10
 #: Readings are whole steps where all but this part of them are, to this part of a step.
 EXCEPTIONS, ROUNDED = 0.01, 0.02
 
@@ -78,7 +78,7 @@ def step_of(readings: Array) -> float:
     The digits that a file writes are a step too; whether it matters its size beside the noise says.
     """
     different = np.unique(readings)
-    if len(different) < FEWEST_READINGS:
+    if len(different) < 2 or (len(different) < FEWEST_READINGS and len(readings) < OFTEN * len(different)):
         return 0.0
     apart = np.diff(different)
     small = apart[apart > 1e-9 * np.abs(different).max()]

@@ -1,4 +1,8 @@
-"""Samples that are none of their channel's: fillers written where nothing was measured, spikes, a single bad cell."""
+"""Samples that are none of their channel's: fillers written where nothing was measured, spikes, a single bad cell.
+
+What a cradle can do is not set aside, however odd it looks: it may swing in one run and lie still in all others, and where it may touch
+the track a sample can be anything that `touch.Touch` bounds. A drive's pulse is a spike of surge_acceleration.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,7 @@ from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, number, place, quantity
 from .local import MARGIN, REACHES, blocks, predictions
 from .noise_found import Channel
+from .touch import Touch
 
 #: Times that the search is done again without what was found, so that neighbours of a bad sample are seen too.
 ROUNDS = 4
@@ -22,28 +27,33 @@ ROUNDS = 4
 Rows = dict[str, NDArray[np.intp]]
 
 
-def fillers(campaign: Campaign) -> list[Finding]:
+def fillers(campaign: Campaign, touch: Touch | None) -> list[Finding]:
     """Values that no channel takes by itself: well-known fillers, and what lies far outside of all the rest."""
     findings = []
     for channel in campaign.channels:
-        rows, seen = _absurd(campaign, channel)
+        rows, seen = _absurd(campaign, channel, touch)
         if rows:
             findings.append(_filler(campaign, channel, rows, seen))
     return findings
 
 
-def outliers(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Samples that leave what their neighbours on both sides agree on."""
+def outliers(campaign: Campaign, channels: Mapping[str, Channel], touch: Touch | None) -> list[Finding]:
+    """Samples that leave what their neighbours on both sides agree on, further than the cradle could throw them."""
     findings = []
     threshold = levels.sigmas(sum(c.count for c in channels.values()))
+    near = {run.name: None if touch is None else touch.near(run) for run in campaign.runs}
     for channel, about in channels.items():
-        if channel in ACCELERATIONS:  # an impact is a spike there
+        if channel == "surge_acceleration" or (touch is None and channel in ACCELERATIONS):
             continue
         rows: Rows = {}
         sizes = []
         for run in campaign.runs:
             if channel in run.channels:
-                rows[run.name], off = _off(run, channel, about, threshold)
+                found, off = _off(run, channel, about, threshold)
+                if touch is not None and len(found):
+                    kept = ~near[run.name][found] | (off > touch.reach(channel, np.gradient(run.times)[found]))
+                    found, off = found[kept], off[kept]
+                rows[run.name] = found
                 sizes.append(off)
         rows = {name: numbers for name, numbers in rows.items() if len(numbers)}
         if rows:
@@ -54,7 +64,7 @@ def outliers(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Findin
 # ---------------------------------------------------------------- fillers
 
 
-def _absurd(campaign: Campaign, channel: str) -> tuple[Rows, list[float]]:
+def _absurd(campaign: Campaign, channel: str, touch: Touch | None) -> tuple[Rows, list[float]]:
     """Sample numbers by run, and the values that stand there."""
     runs = [run for run in campaign.runs if channel in run.channels]
     parts = [run.samples(channel)[1] for run in runs]
@@ -69,12 +79,29 @@ def _absurd(campaign: Campaign, channel: str) -> tuple[Rows, list[float]]:
         column = run[channel]
         with np.errstate(invalid="ignore", over="ignore"):
             away = np.flatnonzero((np.abs(column - middle) > width) & (width > 0))
-            far = np.abs(column[away] - middle) > levels.ABSURD * width
-        mine = away[far | np.isin(column[away], levels.FILLERS)]
+            far = away[np.abs(column[away] - middle) > levels.ABSURD * width]
+        filler = away[np.isin(column[away], levels.FILLERS)]
+        mine = np.union1d(far if touch is None else _torn(run, channel, np.union1d(far, filler), touch), filler)
         if len(mine):
             rows[run.name] = mine
             values += column[mine].tolist()
     return rows, values
+
+
+def _torn(run: Run, channel: str, rows: NDArray[np.intp], touch: Touch) -> NDArray[np.intp]:
+    """Those of the rows whose stretch no cradle could have entered or left from one sample to the next."""
+    known = np.flatnonzero(~np.isnan(run[channel]))
+    stretches = np.split(rows, np.flatnonzero(np.diff(np.searchsorted(known, rows)) > 1) + 1)
+    return np.concatenate([s for s in stretches if len(s) and _jumps(run, channel, known, s, touch)] or [rows[:0]])
+
+
+def _jumps(run: Run, channel: str, known: NDArray[np.intp], rows: NDArray[np.intp], touch: Touch) -> bool:
+    """Whether a stretch of rows stands apart from the known sample before it and from that behind it; False where there is neither."""
+    first, last = np.searchsorted(known, rows[[0, -1]])
+    sides = [(known[first - 1], rows[0])] if first else []
+    sides += [(rows[-1], known[last + 1])] if last + 1 < len(known) else []
+    t, y = run.times, run[channel]
+    return bool(sides) and all(abs(y[b] - y[a]) > touch.reach(channel, t[[b]] - t[[a]])[0] for a, b in sides)
 
 
 def _filler(campaign: Campaign, channel: str, rows: Rows, seen: list[float]) -> Finding:
@@ -101,7 +128,7 @@ def _filler(campaign: Campaign, channel: str, rows: Rows, seen: list[float]) -> 
 
 
 def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDArray[np.intp], Array]:
-    """Sample numbers (in the run) that are off, and by how much."""
+    """Sample numbers (in the run, in their order) that are off, and by how much."""
     column = run[channel]
     number_of = np.flatnonzero(~np.isnan(column))
     least = max(levels.SMALLEST * about.spread, threshold * about.step / np.sqrt(12.0))
@@ -109,7 +136,7 @@ def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDAr
     found: list[NDArray[np.intp]] = []
     sizes: list[Array] = []
     for _ in range(ROUNDS):
-        off, size = _leave(run.times[number_of], column[number_of], floors, steps=channel in RATES)
+        off, size = _leave(run.times[number_of], column[number_of], floors, steps=channel in (*RATES, *ACCELERATIONS))
         if not len(off):
             break
         found.append(number_of[off])
@@ -123,7 +150,7 @@ def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDAr
 
 def _leave(times: Array, values: Array, floors: Array, steps: bool) -> tuple[NDArray[np.intp], Array]:
     """Numbers and sizes of the samples that each prediction misses by more than its floor, (p, 1), and all by `KINK` times what two of
-    the predictions differ by. ``steps``: an impact steps the channel, so that only what stands out to one side counts."""
+    the predictions differ by. ``steps``: the channel may step, so that only what stands out to one side counts."""
     numbers, sizes = [np.empty(0, np.intp)], [np.empty(0)]
     for part in blocks(len(times)):
         t, y = times[part], values[part]

@@ -5,6 +5,8 @@ Not derivatives but increments are compared, of the coordinate and of the rate's
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy import signal
 
@@ -30,17 +32,18 @@ DELAY, SURE = 0.5, 6.0
 FAR, SHIFTED, UNSHIFTED = 10, 0.95, 0.7
 
 
-def pairs(campaign: Campaign, channels: dict[str, Channel]) -> list[Finding]:
-    """Findings about rates and accelerations that are not the derivative of their coordinate."""
+def pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Findings about rates and accelerations that are not the derivative of their coordinate; of impacts, which are not in ``calm``,
+    an accelerometer's samples see too little."""
     findings: list[Finding] = []
     for k, coordinate in enumerate(COORDINATES):
         rate, acceleration = RATES[k], ACCELERATIONS[k]
         if {coordinate, rate} <= channels.keys():
             findings += _pair(campaign, coordinate, rate, 1)
         if {rate, acceleration} <= channels.keys():
-            findings += _pair(campaign, rate, acceleration, 1)
+            findings += _pair(calm, rate, acceleration, 1)
         elif {coordinate, acceleration} <= channels.keys():
-            findings += _pair(campaign, coordinate, acceleration, 2)
+            findings += _pair(calm, coordinate, acceleration, 2)
     return findings
 
 

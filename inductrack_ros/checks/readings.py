@@ -11,9 +11,9 @@ from ..core.model import Model
 from ..core.state import COORDINATES, GAPS
 from ..data import Campaign
 from . import levels
-from .balance import Reading, Windows, bad, misfits, stops, total, windows_of
-from .finding import IMPOSSIBLE, Finding, number, shared
-from .noise_found import Channel
+from .balance import WINDOWS, Reading, Windows, bad, misfits, stops, total, windows_of
+from .finding import IMPOSSIBLE, WARNING, Finding, impossible, number, shared
+from .noise_found import READINGS, Channel
 
 #: One thing wrong after the other is looked for, so many at most.
 MOST = 4
@@ -21,6 +21,9 @@ MOST = 4
 BETTER = 0.4
 #: Two readings are equally good where what they leave differs by less.
 TWINS = 0.1
+#: Windows of a run that is looked at alone, and channels that may have changed places.
+FEWEST_APART = 24
+SWAPS = (("gap_left", "gap_right"), ("sway", "heave"), ("sway", "roll"), ("heave", "roll"))
 _LENGTH = ((1e-3, "mm"), (1e-2, "cm"))
 _ANGLE = ((np.pi / 180.0, "degrees"), (1e-3, "mrad"))
 _TIMES = ((1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
@@ -28,10 +31,35 @@ _CURRENTS = ((1e3, "kA"), (1e-3, "mA"))
 
 
 def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) -> list[Finding]:
-    """Findings about units, signs and clocks that the model's own motion gives away; nothing where no reading explains what is off."""
-    windows = windows_of(campaign, channels)
-    now, found = _by_range(channels, model, windows)
-    if windows is None or any(f.kind == "zero" for f in found):
+    """Findings about units, signs and clocks that the model's own motion gives away: of all runs, or of some where the others are read rightly."""
+    together = _read(campaign, channels, model)
+    if len(campaign.runs) == 1:
+        return together
+    apart = {run.name: _read(replace(campaign, runs=(run,)), channels, model, max(FEWEST_APART, WINDOWS // len(campaign.runs))) for run in campaign.runs}
+    odd = {name: found for name, found in apart.items() if impossible(found)}
+    if not odd or len(odd) == len(apart):
+        return together
+    return _of_some(campaign, odd) if together == [] or impossible(together) else together
+
+
+def _of_some(campaign: Campaign, odd: Mapping[str, list[Finding]]) -> list[Finding]:
+    """The findings of some runs, alike ones in one, each with the names of its runs."""
+    kinds = dict.fromkeys((f.kind, f.channel) for found in odd.values() for f in impossible(found))
+    result = []
+    for kind in kinds:
+        mine = {name: f for name, found in odd.items() for f in found if (f.kind, f.channel) == kind}
+        name, first = next(iter(mine.items()))
+        text = f"in {shared(mine)} alone of {len(campaign.runs)} runs {first.text}"
+        result.append(replace(first, text=text, run=name, size={**first.size, "runs": list(mine)}))
+    return result
+
+
+def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int = WINDOWS) -> list[Finding]:
+    """Findings about readings that runs share."""
+    windows = windows_of(campaign, channels, most)
+    now, found = _by_range(campaign, model, windows)
+    found += _with_gravity(campaign, model)
+    if windows is None or any(f.kind == "zero" and f.channel in windows.values for f in found):
         return found or _backwards(campaign, model)
     left = misfits(windows, model, now)
     if not bad(left) and not found:
@@ -49,7 +77,17 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
         alike = [name for name, _, f in tried if total(f, among) < total(then, among) + TWINS]
         found.append(_finding(campaign, alike, _factor(now, reading), {"off": left, "then": then}))
         now, left = reading, then
-    return found
+    return found if found else _unlike(left)
+
+
+def _unlike(left: Mapping[str, float]) -> list[Finding]:
+    """What has nothing in common with the model's motion, however it is read."""
+    names = bad(left)
+    if not names:
+        return []
+    text = f"{shared(names)} {'moves' if len(names) == 1 else 'move'} by other forces than this model's, and no unit, sign or exchange of channels explains it"
+    remedy = "look at the channels, the model's parameters and drive_current: no small effect makes such a difference"
+    return [Finding("unlike", WARNING, text, remedy, names[0], size={"channels": names, "off": dict(left)})]
 
 
 def _factor(before: Reading, after: Reading) -> float:
@@ -60,36 +98,71 @@ def _factor(before: Reading, after: Reading) -> float:
 
 def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
     """All runs going backwards, where nothing lifts or drives."""
-    runs = [run.samples("surge") for run in campaign.runs if "surge" in run.channels]
-    speeds = [(y[-1] - y[0]) / (t[-1] - t[0]) for t, y in runs if len(t) > 1]
+    speeds = _speeds(campaign)
     if not stops(model) or not speeds or max(speeds) > -levels.MOVING:
         return []
     text = f"surge runs backwards in all runs, at up to {number(-min(speeds))} m/s, where nothing lifts or drives the cradle"
     return [Finding("axis_flipped", IMPOSSIBLE, text, "change the sign of surge; it grows along the travel", "surge", size={"candidates": ["surge"]})]
 
 
-def _by_range(channels: Mapping[str, Channel], model: Model, windows: Windows | None) -> tuple[Reading, list[Finding]]:
-    """What is outside of the room the track leaves, by far: in another unit, or measured from another zero."""
+def _with_gravity(campaign: Campaign, model: Model) -> list[Finding]:
+    """An accelerometer from whose readings what holds the cradle up was not taken off: on average no cradle falls or climbs like that."""
+    channel, gravity = "heave_acceleration", model.parameters["gravity"]
+    fall = float(np.sqrt(2.0 * _room(model)["heave"] / gravity)) if stops(model) else np.inf
+    runs = [run for run in campaign.runs if channel in run.channels and run.duration > 4 * fall and run.measured[:, run.channels.index(channel)].any()]
+    means = [float(np.nanmean(run[channel])) for run in runs]
+    if not means or abs(abs(float(np.median(means))) - gravity) > levels.UPRIGHT * gravity:
+        return []
+    mean = float(np.median(means))
+    text = f"{channel} is {number(mean)} m/s² on average, which is gravity: the cradle stays between the tracks"
+    remedy = f"subtract {number(np.copysign(gravity, mean))} m/s²; {channel} is the acceleration alone, 0 at rest"
+    return [Finding("zero", IMPOSSIBLE, text, remedy, channel, size={"offset": mean})]
+
+
+def _speeds(campaign: Campaign) -> list[float]:
+    """Mean speed of each run whose surge is measured."""
+    runs = [run.samples("surge") for run in campaign.runs if "surge" in run.channels]
+    return [float((y[-1] - y[0]) / (t[-1] - t[0])) for t, y in runs if len(t) > 1]
+
+
+def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tuple[Reading, list[Finding]]:
+    """What is outside of the room the track leaves, by far: in another unit, or measured from another zero. And speeds that nothing has."""
     now, found = Reading(), []
     if not stops(model):
         return now, found
+    speed = max(map(abs, _speeds(campaign)), default=0.0)
+    for factor, unit in _LENGTH:
+        if speed > levels.FASTEST > factor * speed > levels.MOVING:
+            found.append(_unit("surge", f"surge runs at {number(speed)} m/s", factor, unit, {"speed": speed}))
+            now = now.times("surge", factor)
+            break
     for channel, room in _room(model).items():
-        about = channels.get(channel)
-        if about is None or abs(about.middle) + about.spread < levels.OUTSIDE * room:
+        middle, spread = _extent(campaign, channel)
+        if abs(middle) + spread < levels.OUTSIDE * room:
             continue
         si = "rad" if channel == "roll" else "m"
-        text = f"{channel} is about {number(about.middle)} {si} and spans {number(about.spread)} {si}, where the track leaves it {number(room)} {si}"
-        size = {"middle": about.middle, "spread": about.spread, "room": room}
-        fits = [(f, unit) for f, unit in (_ANGLE if channel == "roll" else _LENGTH) if f * (abs(about.middle) + about.spread) < levels.OUTSIDE / 2 * room]
-        if about.spread < room or not fits:
-            remedy = "its zero is where all three gaps are the nominal gap: subtract what it reads there" if about.spread < room else "look at its unit"
-            found.append(Finding("zero" if about.spread < room else "unit", IMPOSSIBLE, text, remedy, channel, size=size))
+        text = f"{channel} is about {number(middle)} {si} and spans {number(spread)} {si}, where the track leaves it {number(room)} {si}"
+        size = {"middle": middle, "spread": spread, "room": room}
+        fits = [(f, unit) for f, unit in (_ANGLE if channel == "roll" else _LENGTH) if f * (abs(middle) + spread) < levels.OUTSIDE / 2 * room]
+        if spread < room or not fits:
+            remedy = "its zero is where all three gaps are the nominal gap: subtract what it reads there" if spread < room else "look at its unit"
+            found.append(Finding("zero" if spread < room else "unit", IMPOSSIBLE, text, remedy, channel, size=size))
             continue
         left = [0.0] if windows is None else [total(misfits(windows, model, now.times(channel, f)), windows.values) for f, _ in fits]
         factor, unit = fits[int(np.argmin(left))]
         found.append(_unit(channel, text, factor, unit, size))
         now = now.times(channel, factor)
     return now, found
+
+
+def _extent(campaign: Campaign, channel: str) -> tuple[float, float]:
+    """Median and span of a channel's samples, of which 98 % count; zeros where there are none."""
+    parts = [run.samples(channel)[1] for run in campaign.runs if channel in run.channels]
+    values = np.concatenate([y[:: max(len(y) // READINGS, 1)] for y in parts] or [np.empty(0)])
+    if not len(values):
+        return 0.0, 0.0
+    low, middle, high = np.quantile(values, [0.01, 0.5, 0.99])
+    return float(middle), float(high - low)
 
 
 def _room(model: Model) -> dict[str, float]:
@@ -122,8 +195,9 @@ def _others(now: Reading, windows: Windows) -> Iterator[tuple[str, Reading]]:
         yield f"{channel} flipped", now.times(channel, -1.0)
         for factor, unit in _ANGLE if channel == "roll" else _LENGTH:
             yield f"{channel} in {unit}", now.times(channel, factor)
-    if {"gap_left", "gap_right"} <= windows.values.keys() and not now.swapped:
-        yield "gap_left and gap_right swapped", replace(now, swapped=True)
+    for pair in () if now.swapped else SWAPS:
+        if set(pair) <= windows.values.keys():
+            yield f"{pair[0]} and {pair[1]} swapped", replace(now, swapped=pair)
 
 
 def _explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
@@ -139,8 +213,9 @@ def _finding(campaign: Campaign, names: list[str], factor: float, size: Mapping[
     if names[0].endswith(" flipped"):
         return _flipped([c for c in (*COORDINATES, *GAPS) if f"{c} flipped" in names], size)
     if names[0].endswith(" swapped"):
-        remedy = "exchange the two channels; left is seen along the travel"
-        return Finding("axis_flipped", IMPOSSIBLE, "gap_left and gap_right are swapped", remedy, "gap_left", size=size)
+        pair = names[0].removesuffix(" swapped")
+        remedy = "exchange the two channels; x is along the travel, y left, z up, and left is seen along the travel"
+        return Finding("axis_flipped", IMPOSSIBLE, f"{pair} are swapped", remedy, pair.split()[0], size={**size, "candidates": pair.split(" and ")})
     if what == "time":
         step = float(np.median(np.diff(campaign.runs[0].times)))
         text = f"time is in {unit}: with a sample every {number(step)} s nothing would fly as it does"

@@ -10,22 +10,46 @@ from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding, as_samples, number, place, quantity, shared
-from .noise_found import Channel
+from .noise_found import READINGS, Channel, step_of
 
 
-def sensors(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Findings about every channel's readings."""
+def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Findings about every channel's readings; ``calm`` is the campaign without samples at which the cradle may rest on the track."""
     findings: list[Finding] = []
     for channel, about in channels.items():
-        if dead := _constant(campaign, channel):
+        if dead := _constant(campaign, channel, about):
             findings += dead
         else:
-            findings += _flat(campaign, channel, about)
+            findings += _flat(calm, channel, about)
         findings += _coarse(campaign, channel, about)
     return findings
 
 
-def _constant(campaign: Campaign, channel: str) -> list[Finding]:
+def held(campaign: Campaign) -> list[Finding]:
+    """Channels that are measured less often than they are logged: a value stands until the next one comes, its repeats are no measurements."""
+    findings = []
+    for channel in campaign.channels:
+        rows: dict[str, Array] = {}
+        lengths, jumps = [np.empty(0, int)], [np.empty(0)]
+        for run in campaign.runs:
+            if channel in run.channels and len(numbers := np.flatnonzero(~np.isnan(run[channel]))) > 2:
+                starts, length = _repeats(run[channel][numbers])
+                rows[run.name] = np.delete(numbers, starts)
+                lengths.append(length)
+                jumps.append(np.abs(np.diff(run[channel][numbers][starts])))
+        every, jump = np.concatenate(lengths), np.concatenate(jumps)
+        if len(every) < levels.FEW or np.median(every) < 2 or np.quantile(every, 0.9) > 2 * np.median(every):
+            continue
+        step = step_of(np.concatenate([run.samples(channel)[1][:READINGS] for run in campaign.runs if channel in run.channels]))
+        if np.median(jump) <= 3.0 * step:  # readings in steps repeat by themselves
+            continue
+        count = int(every.sum() - len(every))
+        text = f"{channel} is measured every {number(float(np.median(every)), 2)} samples and held in between: {count} repeats are no measurements"
+        findings.append(Finding("held", SET_ASIDE, text, "", channel, samples=as_samples(rows), size={"count": count, "every": float(np.median(every))}))
+    return findings
+
+
+def _constant(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
     """A channel that never changes, in all runs or in some."""
     runs = [run for run in campaign.runs if channel in run.channels and len(run.samples(channel)[1]) > 2]
     still = [run for run in runs if np.ptp(run.samples(channel)[1]) == 0.0]
@@ -39,9 +63,13 @@ def _constant(campaign: Campaign, channel: str) -> list[Finding]:
         remedy = "leave the channel out" if stated else f"leave the channel out, or give noise_std: {{{channel}: …}} in campaign.yaml if it is truly at rest"
         # With a noise that is stated a channel at rest can be held against the model; what its noise is nobody can tell from it.
         return [Finding("constant", WARNING if stated else IMPOSSIBLE, text, remedy, channel, size={"value": value})]
-    text = f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other runs: {reason}"
+    size = {"value": value, "runs": len(still)}
+    text = f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other runs: "
+    if about.step >= about.noise:  # a sensor that is well reads so too where nothing moves by as much as its step
+        text += f"it is at rest there to its step of {quantity(channel, about.step)}, or the sensor is dead"
+        return [Finding("constant", WARNING, text, "leave the column out of a run where the sensor is dead", channel, size=size)]
     rows = {run.name: np.flatnonzero(~np.isnan(run[channel])) for run in still}
-    return [Finding("constant", SET_ASIDE, text, "", channel, samples=as_samples(rows), size={"value": value, "runs": len(still)})]
+    return [Finding("constant", SET_ASIDE, text + reason, "", channel, samples=as_samples(rows), size=size)]
 
 
 def _flat(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:

@@ -42,13 +42,13 @@ def load(
     flags: Sequence[str] = (),
     announce: Callable[[str], None] | None = None,
 ) -> types.ModuleType:
-    """The module of ``text``, in which item i's compiled function stands as ``effect_i``; one for each text and functions.
+    """The module of ``text``, in which item i's compiled functions stand by `function_name`; one for each text and functions.
 
     ``warm_up`` calls what is to be compiled now; ``flags`` are arguments that are true or false; ``announce`` is told
     where compiling will take its time. Raises `InputError` for an effect that numba cannot compile.
     """
     ingredients = [text, numba.__version__, np.__version__, sys.version, platform.processor(), platform.machine()]
-    ingredients += [fingerprint(e.function, set()) for e in items]
+    ingredients += [fingerprint(part.function, set()) for e in items for part in e.parts]
     key = hashlib.sha256("\n".join(ingredients).encode()).hexdigest()[:20]
     if key in _modules:
         return _modules[key]
@@ -56,7 +56,7 @@ def load(
     path = folder / _MODULE
     fresh = not path.exists()
     with contextlib.suppress(OSError):
-        os.utime(path)  # what is used is kept
+        os.utime(folder)  # what is used is kept; not the file: older numba takes another age for another text
     if fresh:  # written aside and renamed, for two processes may start at once
         folder.mkdir(exist_ok=True)
         aside = folder / f"kernel.{os.getpid()}.tmp"
@@ -68,14 +68,15 @@ def load(
     module = importlib.util.module_from_spec(spec)
     done: dict[int, Callable] = {}
     for i, item in enumerate(items):
-        setattr(module, f"effect_{i}", _jit(item.function, name, done))
+        for number, part in enumerate(item.parts):
+            setattr(module, function_name(i, number), _jit(part.function, name, done))
     sys.modules[name] = module
     spec.loader.exec_module(module)
     kept = any(folder.glob("__pycache__/*.nbc"))
     if not kept:
         for i, item in enumerate(items):
-            if not _is_ours(item):
-                _check_alone(item, getattr(module, f"effect_{i}"), flags)
+            for number in range(len(item.parts)) if not _is_ours(item) else ():
+                _check_alone(item, number, getattr(module, function_name(i, number)), flags)
         if announce:
             announce("compiling the model, once for this set of effects: 15 s to a minute …")
     try:
@@ -171,7 +172,7 @@ def prune(folder: Path) -> None:
     """Drop kernels that nobody has loaded for `KEPT_DAYS`."""
     for path in folder.glob(f"*/{_MODULE}"):
         with contextlib.suppress(OSError):  # another process may be at it
-            if path.stat().st_mtime < time.time() - KEPT_DAYS * 86400:
+            if path.parent.stat().st_mtime < time.time() - KEPT_DAYS * 86400:
                 shutil.rmtree(path.parent)
 
 
@@ -185,13 +186,19 @@ def place_of(item: Effect) -> str:
     return f"effect '{item.name}'" if _is_ours(item) else f"{code.co_filename}, line {code.co_firstlineno}: effect '{item.name}'"
 
 
-def _check_alone(item: Effect, function: Callable, flags: Sequence[str]) -> None:
-    """Compile one effect for numbers and look at what it returns, so that an error names it and comes at once."""
-    number, flag = numba.float64, numba.boolean
+def function_name(index: int, number: int) -> str:
+    """What function ``number`` of effect ``index`` is called in a module."""
+    return f"effect_{index}" if number == 0 else f"effect_{index}_then"
+
+
+def _check_alone(item: Effect, number: int, function: Callable, flags: Sequence[str]) -> None:
+    """Compile one function of an effect for numbers and look at what it returns, so that an error names it and comes at once."""
+    part, last = item.parts[number], number == len(item.parts) - 1
+    real, flag = numba.float64, numba.boolean
     own = set(item.parameters) | set(item.states)
     tables = {p for p, d in item.parameters.items() if d.count > 1}
     signature = tuple(
-        flag if a in flags and a not in own else number[::1] if a in tables else number for a in item.arguments
+        flag if a in flags and a not in own else real[::1] if a in tables else real for a in part.arguments
     )
     try:
         function.compile(signature)
@@ -199,13 +206,13 @@ def _check_alone(item: Effect, function: Callable, flags: Sequence[str]) -> None
         raise InputError(f"{place_of(item)} cannot be compiled: {_reason(error)}; use numbers, math functions and if") from error
     returned = function.overloads[signature].signature.return_type
     given = list(returned) if isinstance(returned, numba.types.BaseTuple) else [returned]
-    wanted = [*item.targets, *(f"rate of {s}" for s in item.states)]
-    real = (numba.types.Float, numba.types.Integer, numba.types.Boolean)
+    wanted = [*part.targets, *(f"rate of {s}" for s in item.states if last)]
+    numbers = (numba.types.Float, numba.types.Integer, numba.types.Boolean)
     if isinstance(returned, numba.types.NoneType | numba.types.Optional):
         problem = "does not always return a value"
     elif len(given) != len(wanted) or (len(wanted) == 1 and given[0] is not returned):
         problem = f"returns {len(given)} values"
-    elif any(not isinstance(g, real) for g in given):
+    elif any(not isinstance(g, numbers) for g in given):
         problem = f"returns {returned}, not real numbers"
     else:
         return

@@ -19,13 +19,17 @@ def _parameter(name: str, declared: Parameter) -> str:
     return f"`{name}`{size}: {meaning}; {low} … {high}{unit}, default {default}"
 
 
+def _acts_on(item: Effect) -> str:
+    found = [(action, targets) for part in item.parts for action, targets in (("adds to", part.adds), ("changes", part.changes)) if targets]
+    return "; ".join(f"{action} {', '.join(f'`{t}`' for t in targets)}" for action, targets in found)
+
+
 def rows(effects: Iterable[Effect]) -> list[str]:
     """One Markdown row for each effect."""
     table = []
     for item in effects:
         name = f"{item.name}:CHANNEL" if item.of_channel else item.name
-        action = "changes " if item.replaces else "adds to "
-        acts_on = action + ", ".join(f"`{t}`" for t in item.targets) + (f" ({item.only} drive only)" if item.only else "")
+        acts_on = _acts_on(item) + (f" ({item.only} drive only)" if item.only else "")
         own = "<br>".join(_parameter(n, p) for n, p in item.parameters.items()) or "none"
         table.append(f"| `{name}` | {item.summary.replace('|', chr(92) + '|')} | {acts_on} | {own} |")
     return table

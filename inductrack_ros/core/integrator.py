@@ -25,6 +25,7 @@ import numpy as np
 MAX_CONTACT_SWITCHES = 100_000  # a run that rattles more often than this is not one we can integrate
 BOUNDS = 1e9  # m, and rad; what has gone further left all bounds
 PER_TOLERANCE = np.array([1e8, 1e8, 1e8, 1e7, 1e5, 1e5, 1e5, 1e4])  # over the error of the third-order result in one step
+CARRIED_TOLERANCE, CARRIED_LEAST = 1e-5, 1e-12  # the same of an effect's state: to the largest it has been, and at the least in its unit
 GROW, SHRINK = 0.03, 1.0  # errors over tolerance at which steps grow back to normal, and below normal shrink
 CONTACT_GROW, CONTACT_SHRINK = 0.002, 0.05  # the same where they are longer than normal, stricter: a step that comes
 CONTACT_GROWTH = 8.0  # and goes would show in differences of runs. Times a normal contact step, the longest one
@@ -63,7 +64,7 @@ def groups_on(on):
     bits = 0
     for i in range(GROUPS.size):
         if on[i]:
-            bits |= 1 << GROUPS[i]
+            bits |= GROUPS[i]
     return bits
 
 
@@ -141,6 +142,15 @@ def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
     return error
 
 
+def carried_error(h, x_new, k, k_new, largest):
+    """How far the third-order result of `step` is off in the effects' states, over the tolerance; ``largest`` is the size of each so far."""
+    error = 0.0
+    for i in range(8, N_STATES):
+        size = max(largest[i], abs(x_new[i]))
+        error = max(error, h / 6.0 * abs(k[i] - k_new[i]) / (CARRIED_TOLERANCE * size + CARRIED_LEAST))
+    return error
+
+
 def sticks(t, x, rig, first, k, q):
     """Whether a cradle that stands is held: creeping forth the force pushes it back, and creeping back, forth."""
     free, speed = rig[3], x[4]
@@ -159,14 +169,15 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
     """Carry ``state`` from time t through ``times`` and write the `state.OUTPUTS` at each into ``out`` (n, 15).
 
     ``state`` is changed in place and ends as that at the last of ``times``. Rows after a state that is no longer finite
-    are NaN. ``work`` (9, PADDED or N_QUANTITIES) and ``touching`` (3,) are work space.
+    are NaN. ``work`` (10, PADDED or N_QUANTITIES) and ``touching`` (3,) are work space.
     """
     free_step, contact_step, travel_step = step_sizes(P, on, longest)
     x_new, k1, k_new, k, stage = work[0], work[1], work[2], work[3], work[4]
-    q, q_new, free, x = work[5], work[6], work[7], work[8]
+    q, q_new, free, x, largest = work[5], work[6], work[7], work[8], work[9]
     for i in range(PADDED):
         x[i] = state[i] if i < N_STATES else 0.0
         k1[i] = k_new[i] = 0.0
+        largest[i] = abs(x[i])
     for i in range(3):
         touching[i] = False
     for i in range(4):
@@ -202,6 +213,7 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
             h = remaining / max(math.ceil(remaining / min(limit * refine, free_step) - 1e-9), 1)
 
             error = step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage)
+            error = max(error, carried_error(h, x_new, k, k_new, largest))
             if error > (CONTACT_SHRINK if refine > 1.0 else SHRINK) and refine > FINEST and h > SHORTEST_STEP:
                 refine *= 0.5
                 continue
@@ -242,6 +254,7 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
             t = target if h == target - t else t + h
             for i in range(PADDED):
                 x[i], k1[i] = x_new[i], k_new[i]
+                largest[i] = max(largest[i], abs(x[i]))
             for i in range(6):
                 q[i] = q_new[i]
             if not abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(x[3]) < BOUNDS:
@@ -262,7 +275,7 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
 
 def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
     """`integrate` for each row of x (jobs, N_STATES) with its own row of P, on and origin; ``out`` is (jobs, n, 15)."""
-    work, touching = np.empty((9, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
+    work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     for job in range(x.shape[0]):
         integrate(times, t0, x[job], P[job], on[job], moving, origin[job], averaged, pt, pp, pc, longest, work, touching, out[job])
 
@@ -270,7 +283,7 @@ def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, lo
 def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
     """States at the end of each interval between ``times`` (n,) from the one in x (n−1, N_STATES) at its beginning, moved by each row of
     ``offsets`` (jobs, N_STATES): ``out`` is (n−1, jobs, 8)."""
-    work, touching = np.empty((9, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
+    work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     state, row = np.empty(N_STATES), np.empty((1, 15))
     for k in range(x.shape[0]):
         for job in range(offsets.shape[0]):
@@ -284,7 +297,7 @@ def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, 
 def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, pc, longest, outputs, ends):
     """Outputs at each of ``times`` (n,) and the state at the next, from the state in x (n, N_STATES) moved by each row of ``offsets``
     (jobs, N_STATES) under its row of P: ``outputs`` is (n, jobs, 15), ``ends`` (n, jobs, N_STATES); the last piece has no length."""
-    work, touching = np.empty((9, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
+    work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     state, rows, ends_of = np.empty(N_STATES), np.empty((2, 15)), np.empty(2)
     for k in range(x.shape[0]):
         ends_of[0] = times[k]

@@ -11,15 +11,15 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
 
 from . import compiled, equations, integrator, lanes
-from .compiled import mark, place_of
-from .effects import Effect
+from .compiled import function_name, mark, place_of
+from .effects import FORCES, Effect, Part
 from .errors import InputError, did_you_mean
 from .parameters import PARAMETERS
 from .state import STATES
@@ -43,14 +43,13 @@ class Kernel:
     """Compiled functions for one ordered set of effects, and where their numbers stand.
 
     ``parameters`` names the entries of the parameter vector P, ``states`` those of the state vector, ``effects`` the
-    entries of the switch vector ``on``. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces`` and ``evaluate`` are
+    entries of the switch vector ``on``. Where ``dx`` has room behind the rates, `evaluate` writes there where the effects' states start. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces`` and ``evaluate`` are
     `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call.
     """
 
     effects: tuple[str, ...]
     parameters: tuple[str, ...]
     states: tuple[str, ...]
-    started_on: tuple[str, ...]
     simulate_batch: Callable
     simulate_pieces: Callable
     linearise_pieces: Callable
@@ -63,86 +62,152 @@ def _assigned(statement: ast.stmt) -> set[str]:
     return {n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
 
 
-def _call(index: int, item: Effect, known: set[str], column: dict[str, int]) -> list[str]:
-    """Lines that call effect ``index`` when it is switched on."""
-    arguments = []
-    for name in item.arguments:
-        if name in item.parameters:
-            first = column[f"{item.name}.{name}"]
-            count = item.parameters[name].count
-            arguments.append(f"P[{first}]" if count == 1 else f"P[{first}:{first + count}]")
-        elif name in item.states:
-            arguments.append(f"x[{column[f'{item.name}.{name}']}]")
-        elif name in item.conditions:
-            arguments.append(f"P[{column[name]}]")
-        elif name in known:
-            arguments.append(name)
-        else:
-            late = name in _QUANTITY_NAMES
-            remedy = (
-                f"; it is not known yet where {item.targets[0]} is decided" if late else did_you_mean(name, sorted(known))
-            )
-            raise InputError(f"{place_of(item)} asks for '{name}', which is not there{remedy}")
-    results = [f"r{index}_{i}" for i in range(len(item.targets) + len(item.states))]
-    call = f"{', '.join(results)} = effect_{index}({', '.join(arguments)})"
-    sign = "" if item.replaces else "+"
-    moves = [f"{target} {sign}= {result}" for target, result in zip(item.targets, results, strict=False)]
-    rates = [
-        f"dx[{column[f'{item.name}.{s}']}] = {r}"
-        for s, r in zip(item.states, results[len(item.targets) :], strict=True)
-    ]
-    return [f"if on[{index}]:", *(f"    {line}" for line in [call, *moves, *rates])]
+@dataclass(frozen=True)
+class _Call:
+    """One function of effect ``index``: ``late`` where it is called when all forces are known."""
+
+    index: int
+    item: Effect
+    number: int
+    late: bool
+
+    @property
+    def part(self) -> Part:
+        return self.item.parts[self.number]
+
+    @property
+    def last(self) -> bool:
+        """Whether it returns the rates of the effect's states."""
+        return self.number == len(self.item.parts) - 1
+
+    @property
+    def results(self) -> list[str]:
+        """Names of what it returns, but for rates."""
+        return [f"r{self.index}_{self.number}_{k}" for k in range(len(self.part.targets))]
+
+    def lines(self, known: set[str], column: dict[str, int]) -> list[str]:
+        """The call, its changes and, when it is late, what it adds. Raises `InputError` for what it asks for in vain."""
+        rates = [f"dx[{column[f'{self.item.name}.{s}']}]" for s in self.item.states] if self.last else []
+        lines = [f"{', '.join(self.results + rates)} = {function_name(self.index, self.number)}({', '.join(self._arguments(known, column))})"]
+        adds = len(self.part.adds)
+        lines += [f"{target} = {result}" for target, result in zip(self.part.changes, self.results[adds:], strict=True)]
+        return [f"if on[{self.index}]:", *(f"    {line}" for line in lines + (self.additions() if self.late else []))]
+
+    def additions(self) -> list[str]:
+        """The lines that add what was returned."""
+        return [f"{target} += {result}" for target, result in zip(self.part.adds, self.results, strict=False)]
+
+    def _arguments(self, known: set[str], column: dict[str, int]) -> list[str]:
+        item, found = self.item, []
+        for name in self.part.arguments:
+            if name in item.parameters:
+                first, count = column[f"{item.name}.{name}"], item.parameters[name].count
+                found.append(f"P[{first}]" if count == 1 else f"P[{first}:{first + count}]")
+            elif name in item.states:
+                found.append(f"x[{column[f'{item.name}.{name}']}]")
+            elif name in item.conditions:
+                found.append(f"P[{column[name]}]")
+            elif name in known:
+                found.append(name)
+            else:
+                late = name in _QUANTITY_NAMES
+                decided = (self.part.changes or self.part.adds)[0]
+                remedy = f"; it is not known yet where {decided} is decided" if late else did_you_mean(name, sorted(known))
+                raise InputError(f"{place_of(item)} asks for '{name}', which is not there{remedy}")
+        return found
+
+
+def _calls(effects: list[Effect]) -> list[_Call]:
+    """Every function of the effects. Raises `InputError` for one that acts on what is not there, or on what has been decided by then."""
+    calls = []
+    for index, item in enumerate(effects):
+        for number, part in enumerate(item.parts):
+            for target in part.targets:
+                if target not in _QUANTITY_NAMES | set(PARAMETERS):
+                    raise InputError(f"{place_of(item)} changes '{target}', which is not there{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}")
+            early = [t for t in part.changes if t not in FORCES]
+            if early and number:
+                raise InputError(f"{place_of(item)} changes '{early[0]}' in its second function, when all forces are known; there it may act on {', '.join(FORCES)}")
+            if early and len(early) < len(part.changes):
+                raise InputError(f"{place_of(item)} changes '{early[0]}' and a force; change the force in a second function, then=Part(…)")
+            calls.append(_Call(index, item, number, not early))
+    return calls
 
 
 _BODY = ast.parse(inspect.getsource(equations.equations)).body[0].body[1:-1]
 _QUANTITY_NAMES = set().union(*map(_assigned, _BODY))
+#: What a state may start on besides a number.
+STARTS = sorted({"zero", "time", "travel", *STATES, *PARAMETERS, *_QUANTITY_NAMES})
 
 
-def _derivative(effects: list[Effect], column: dict[str, int]) -> str:
+def started_on(effects: Iterable[Effect]) -> list[str | float]:
+    """What each state of the effects starts on, in the order in which the kernel carries them."""
+    return [0.0 if start == "zero" else start for item in effects for start in item.states.values()]
+
+
+def _derivative(effects: list[Effect], column: dict[str, int], started_on: Sequence[str | float] = ()) -> str:
     """Text of the right-hand side with the effects' calls in it."""
-    groups: list[list[int]] = []
-    waiting = {i: item for i, item in enumerate(effects)}
-    for item in effects:
-        for target in item.targets:
-            if target not in _QUANTITY_NAMES | set(PARAMETERS):
-                raise InputError(f"{place_of(item)} changes '{target}', which is not there{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}")
+    calls = _calls(effects)
     used = {"mass", "roll_inertia"} | {n.id for s in _BODY for n in ast.walk(s) if isinstance(n, ast.Name)}
-    used |= {a for item in effects for a in (*item.arguments, *item.targets)} & set(PARAMETERS)
-    lines = [f"{name} = P[{column[name]}]" for name in PARAMETERS if name in used]
+    used |= {a for c in calls for a in (*c.part.arguments, *c.part.targets)} | set(started_on)
+    lines = [f"dx[{i}] = 0.0" for i in range(8, 8 + len(started_on))]
+    lines += [f"{r} = 0.0" for c in calls if not c.late for r in c.results[: len(c.part.adds)]]
+    lines += [f"{name} = touching[{i}]" for i, name in enumerate(_MOMENT[4:])]
+    lines += [f"{name} = P[{column[name]}]" for name in PARAMETERS if name in used]
     lines += [f"{name} = x[{i}]" for i, name in enumerate(STATES)]
     lines += ["travel = surge - origin"]
+    groups = _Groups(len(effects))
     known = {*STATES, *PARAMETERS, *_MOMENT}
     remaining = [_assigned(s) for s in _BODY]
+    waiting = [c for c in calls if not c.late]
     for position in range(-1, len(_BODY)):  # −1: a parameter may be changed before the first equation
         if position >= 0:
             lines += ast.unparse(_BODY[position]).splitlines()
             known |= remaining[position]
         later = set().union(*remaining[position + 1 :])
-        due = [i for i, item in waiting.items() if not later & set(item.targets) and known >= set(item.targets)]
-        if due:  # one question for all that stand here; see `integrator.groups_on`
-            calls = [line for i in due for line in _call(i, waiting.pop(i), known, column)]
-            lines += [f"if groups & {1 << len(groups)}:", *(f"    {line}" for line in calls)]
-            groups.append(due)
+        due = [c for c in waiting if not later & set(c.part.changes) and known >= set(c.part.changes)]
+        waiting = [c for c in waiting if c not in due]
+        lines += groups.ask([(c.index, c.lines(known, column)) for c in due])
+    late = sorted((c for c in calls if c.late), key=lambda c: (bool(c.part.changes), c.number))  # all is added before the sum is changed
+    added = [(c.index, [f"if on[{c.index}]:", *(f"    {line}" for line in c.additions())]) for c in calls if not c.late and c.part.adds]
+    lines += groups.ask(added + [(c.index, c.lines(known, column)) for c in late])
     lines += [f"dx[{i}] = x[{4 + i}] * moving[{i}]" for i in range(4)]
     lines[-4] = "dx[0] = x[4]"  # a held speed still travels
-    for i, (force, inertia) in enumerate(
-        [("force_surge", "mass"), ("force_sway", "mass"), ("force_heave", "mass"), ("moment_roll", "roll_inertia")]
-    ):
-        lines.append(f"dx[{4 + i}] = {force} / {inertia} * moving[{i}]")
+    for i, force in enumerate(FORCES):
+        lines.append(f"dx[{4 + i}] = {force} / {'mass' if i < 3 else 'roll_inertia'} * moving[{i}]")
     lines += [f"q[{i}] = {name}" for i, name in enumerate(QUANTITIES[:6])]
     lines += ["if detail:"] + [f"    q[{i}] = {name}" for i, name in enumerate(QUANTITIES) if i >= 6]
+    if started_on:  # where dx has room for it, behind the rates: where the effects' states start
+        lines += ["    if dx.size > N_STATES:"] + [f"        dx[N_STATES + {j}] = {start}" for j, start in enumerate(started_on)]
     head = "def derivative(time, x, P, on, groups, moving, touching, origin, averaged, pulse_current, dx, q, detail):"
-    unpack = [f"{name} = touching[{i}]" for i, name in enumerate(_MOMENT[4:])]
-    unpack += [f"dx[{i}] = 0.0" for i in range(8, 8 + sum(len(e.states) for e in effects))]
-    group = [next(g for g, members in enumerate(groups) if i in members) for i in range(len(effects))]
-    table = f"GROUPS = np.array({group}, dtype=np.int64)"
-    return "\n".join([table, "", head, *(f"    {line}" for line in unpack + lines)])
+    return "\n".join([groups.table(), "", head, *(f"    {line}" for line in lines)])
+
+
+class _Groups:
+    """Neighbouring calls behind one question, for most effects are off; see `integrator.groups_on`."""
+
+    def __init__(self, effects: int) -> None:
+        self._bits, self._asked = [0] * effects, 0
+
+    def ask(self, calls: Sequence[tuple[int, list[str]]]) -> list[str]:
+        """The lines of these effects' calls behind a question whether any of them is on."""
+        if not calls:
+            return []
+        bit = 1 << self._asked
+        self._asked += 1
+        for index, _ in calls:
+            self._bits[index] |= bit
+        return [f"if groups & {bit}:", *(f"    {line}" for _, lines in calls for line in lines)]
+
+    def table(self) -> str:
+        """The groups of each effect, a bit each."""
+        return f"GROUPS = np.array({self._bits}, dtype=np.int64)"
 
 
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
     constants = {name.upper(): column[name] for name in PARAMETERS}
     constants |= {"N_STATES": n_states, "PADDED": (n_states + 3) // 4 * 4, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
-    jitted = ["pulse_sum", "until_pulse_edge", "groups_on", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "sticks", "integrate"]
+    jitted = ["pulse_sum", "until_pulse_edge", "groups_on", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "carried_error", "sticks", "integrate"]
     text = mark(inspect.getsource(integrator), "_nrt=False", *jitted)
     text = mark(text, "cache=True", "simulate_batch", "simulate_pieces", "linearise_pieces", "evaluate")
     head = [
@@ -153,7 +218,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         f"MAX_STEPS = np.array([{', '.join(repr(e.max_step) for e in effects)}], dtype=np.float64)",
         f"MAX_TRAVELS = np.array([{', '.join(str(column.get(f'{e.name}.{e.max_travel}', -1)) for e in effects)}], dtype=np.int64)",
         *(f"{name} = {value!r}" for name, value in constants.items()),
-        mark("\n" + _derivative(effects, column), "_nrt=False, forceinline=True", "derivative"),
+        mark("\n" + _derivative(effects, column, started_on(effects)), "_nrt=False, forceinline=True", "derivative"),
         "",
         "",
         text,
@@ -210,16 +275,15 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
     names += list(dict.fromkeys(c for e in items for c in e.conditions if c not in PARAMETERS))
     carried = [f"{e.name}.{s}" for e in items for s in e.states]
     column = {n.removesuffix("[0]"): i for i, n in enumerate(names)} | {n: 8 + i for i, n in enumerate(carried)}
-    started_on = tuple(q for e in items for q in e.states.values())
     for item in items:
-        for quantity in item.states.values():
-            if quantity not in QUANTITIES:
-                raise InputError(f"{place_of(item)}: a state starts on '{quantity}', which is not there{did_you_mean(quantity, QUANTITIES)}")
+        for start in item.states.values():
+            if isinstance(start, str) and start not in STARTS:
+                raise InputError(f"{place_of(item)}: a state starts on '{start}', which is not there{did_you_mean(start, STARTS)}")
     text = _module_text(items, column, 8 + len(carried))
 
     def kernel(module: ModuleType) -> Kernel:
         return Kernel(
-            tuple(e.name for e in items), tuple(names), STATES + tuple(carried), started_on,
+            tuple(e.name for e in items), tuple(names), STATES + tuple(carried),
             module.simulate_batch, module.simulate_pieces, module.linearise_pieces, module.evaluate, module.fly, text,
         )  # fmt: skip
 

@@ -21,6 +21,8 @@ from .parameters import PARAMETERS, check_parameters
 from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES, as_dof
 
 _NONE = np.empty(0)
+#: How the names of conditions begin in a parameter file.
+CONDITIONS = "conditions."
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,8 @@ class Model:
     """One parametrised model of the cradle, which never changes once made (see `with_changes`).
 
     ``parameters`` holds every entry of `parameters.PARAMETERS`; ``effects`` maps each active effect's full name
-    (``sensor_bias:sway`` for a sensor's) to its parameters; ``dof`` is 1, 2, 4 or names of the coordinates that move; ``drive`` is ``averaged`` or ``pulses``.
+    (``sensor_bias:sway`` for a sensor's) to its parameters; ``dof`` is 1, 2, 4 or names of the coordinates that move; ``drive`` is ``averaged`` or ``pulses``;
+    ``conditions`` are numbers of a run that effects ask for (``track_temperature``), which hold where a run has none of its own.
     """
 
     parameters: Mapping[str, float]
@@ -74,6 +77,7 @@ class Model:
     dof: int | tuple[str, ...] = 4
     drive: str = "averaged"
     effect_files: tuple[str, ...] = ()
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
     # -- making one ---------------------------------------------------------------------------------------------
 
@@ -86,6 +90,7 @@ class Model:
         drive: str = "averaged",
         effect_files: Iterable[str | Path] = (),
         where: str = "",
+        conditions: Mapping[str, object] | None = None,
     ) -> Model:
         """A checked model. ``effects`` are names, or a mapping from names to parameter values. Raises `InputError`."""
         place = f"{where}: " if where else ""
@@ -109,7 +114,7 @@ class Model:
                 p: declared.check(f"{name}.{p}", values.get(p, declared.default), where)
                 for p, declared in item.parameters.items()
             }
-        return cls(check_parameters(parameters or {}, where), checked, moving, drive, files)
+        return cls(check_parameters(parameters or {}, where), checked, moving, drive, files, _check_conditions(conditions or {}, known, place))
 
     @classmethod
     def default(cls) -> Model:
@@ -145,7 +150,7 @@ class Model:
         folder: Path | None = None,
         shared: Collection[str] = (),
     ) -> Model:
-        """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``, ``<effect>.<parameter>``.
+        """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``, ``<effect>.<parameter>``, ``conditions.<name>``.
 
         Names in ``shared`` were given to nodes of any name: one that no model has is passed over, and said.
         """
@@ -163,6 +168,7 @@ class Model:
             _announce(f"warning: {place}not of the model, passed over: {', '.join(foreign)}")
         values = {n: v for n, v in values.items() if n not in foreign}
         base: dict[str, object] = {}
+        conditions = {n.removeprefix(CONDITIONS): values.pop(n) for n in list(values) if n.startswith(CONDITIONS)}
         effects: dict[str, dict[str, object]] = {name: {} for name in names}
         for key, value in values.items():
             effect_name, dot, parameter = key.rpartition(".")
@@ -179,7 +185,7 @@ class Model:
         for key in base:
             if key not in PARAMETERS:
                 raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, [*PARAMETERS, *MODEL_OPTIONS])}")
-        return cls.create(base, effects, dof, drive, files, where)
+        return cls.create(base, effects, dof, drive, files, where, conditions)
 
     def with_changes(
         self,
@@ -191,7 +197,7 @@ class Model:
         return Model.create(
             {**self.parameters, **(parameters or {})},
             self.effects if effects is None else effects,
-            **{"dof": self.dof, "drive": self.drive, "effect_files": self.effect_files, **others},
+            **{"dof": self.dof, "drive": self.drive, "effect_files": self.effect_files, "conditions": self.conditions, **others},
         )
 
     def to_mapping(self) -> dict[str, object]:
@@ -200,6 +206,7 @@ class Model:
         flat: dict[str, object] = {"dof": dof, "drive": self.drive, **self.parameters, "effects": list(self.effects)}
         if self.effect_files:
             flat["effect_files"] = list(self.effect_files)
+        flat |= {CONDITIONS + name: value for name, value in self.conditions.items()}
         return flat | {
             f"{e}.{p}": list(v) if isinstance(v, tuple) else v for e, values in self.effects.items() for p, v in values.items()
         }
@@ -240,13 +247,17 @@ class Model:
         """The kernel's parameter vector P."""
         flat = dict(self.parameters)
         for name, item in self.known_effects.items():
-            flat |= {c: default for c, default in item.conditions.items() if c not in PARAMETERS}
+            flat |= {c: self.condition(c, default) for c, default in item.conditions.items() if c not in PARAMETERS}
             for parameter, declared in item.parameters.items():
                 value = self.effects.get(name, {}).get(parameter, declared.default)
                 entries = declared.entries(f"{name}.{parameter}")
                 values = value if isinstance(value, tuple) else (value,)
                 flat |= dict(zip(entries, [*values, *[0.0] * (len(entries) - len(values))], strict=True))
         return np.array([flat[name] for name in self.kernel.parameters])
+
+    def condition(self, name: str, default: float) -> float:
+        """The value of a condition where a run has none of its own; ``default`` is the effect's."""
+        return self.conditions.get(name, default)
 
     @cached_property
     def switches(self) -> np.ndarray:
@@ -297,7 +308,7 @@ class Model:
         pulses: Pulses | Sequence[np.ndarray] | None = None,
         origin: float | None = None,
     ) -> np.ndarray:
-        """``x`` with the effects' own states set to the quantities they start on (steady values), at parameters P or the model's.
+        """``x`` with the effects' own states set to what they start on (steady values of quantities, or numbers), at parameters P or the model's.
 
         ``pulses`` (or what `Pulses.arrays` gives of them) drive the run; ``origin`` is the surge where it began, here unless given.
         """
@@ -306,8 +317,8 @@ class Model:
         if len(full) > 8:
             without = self.switches & ~np.array([bool(self.known_effects[n].states) for n in self.kernel.effects])
             origin = full[0] if origin is None else origin
-            _, q = self._evaluate(time, full, self.vector if P is None else P, without, pulses, origin)
-            full[8:] = [q[kernels.QUANTITIES.index(name)] for name in self.kernel.started_on]
+            dx, _ = self._evaluate(time, full, self.vector if P is None else P, without, pulses, origin, starts=True)
+            full[8:] = dx[len(full) :]
         return full
 
     def _whole_state(
@@ -329,9 +340,11 @@ class Model:
         x[INDEX["surge_rate"]] = speed
         P = self._vector_at(drive_current)
 
+        on = self.switches & ~np.array([self._passes_on(self.known_effects[n]) for n in self.kernel.effects])
+
         def force(heave: float) -> float:
             x[INDEX["heave"]] = heave
-            return self._evaluate(0.0, self.with_effect_states(x, P=P), P, self.switches)[1][_FORCE_HEAVE]
+            return self._evaluate(0.0, self.with_effect_states(x, P=P), P, on)[1][_FORCE_HEAVE]
 
         low, high = -self.parameters["nominal_gap"] - 2e-3, max(self.parameters["nominal_gap"], 1e-3)
         if not force(low) > 0:
@@ -341,6 +354,11 @@ class Model:
                 return brentq(force, low, high, xtol=1e-15, rtol=1e-14)
             high *= 2
         raise InputError(f"the lift exceeds the weight at any gap at {speed:g} m/s; give heave in the initial state")
+
+    @staticmethod
+    def _passes_on(item: Effect) -> bool:
+        """Whether an effect takes the vertical force up and passes it on in time (an elastic frame): balance is where there is none."""
+        return bool(item.states) and any("force_heave" in part.changes for part in item.parts)
 
     def simulate(
         self,
@@ -391,8 +409,9 @@ class Model:
             float(longest), outputs,
         )  # fmt: skip
 
-    def _evaluate(self, time, x, P, on, pulses=None, origin=0.0):
-        dx, q = np.zeros(len(x)), np.zeros(len(kernels.QUANTITIES))
+    def _evaluate(self, time, x, P, on, pulses=None, origin=0.0, starts=False):
+        """Rates and quantities at one moment; with ``starts`` what the effects' states start on stands behind the rates."""
+        dx, q = np.zeros(len(x) + (len(x) - 8 if starts else 0)), np.zeros(len(kernels.QUANTITIES))
         arrays = pulses.arrays(self.parameters["wavelength"]) if isinstance(pulses, Pulses) else pulses or (_NONE, _NONE, _NONE)
         averaged = self.drive == "averaged" and (pulses is None or isinstance(pulses, Pulses))  # a measured run's are its own
         self.kernel.evaluate(
@@ -462,9 +481,23 @@ def _arrays_wrench(g: Mapping[str, float], kind: str) -> np.ndarray:
     return np.array([0.0, c * (left - right), top - c * (right + left), moment])
 
 
-def _of_a_model(name: str, effects: Collection[str]) -> bool:
+def _check_conditions(given: Mapping[str, object], known: Mapping[str, Effect], place: str) -> dict[str, float]:
+    """The conditions as numbers. Raises `InputError` for one that no effect asks for, and for what is no number."""
+    asked = {c for item in known.values() for c in item.conditions if c not in PARAMETERS}
+    for name, value in given.items():
+        if name not in asked:
+            own = "it is a parameter of the model, set that" if name in PARAMETERS else "no effect asks for it" + did_you_mean(name, asked)
+            raise InputError(f"{place}{CONDITIONS}{name}: {own}")
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
+            raise InputError(f"{place}{CONDITIONS}{name} = {value!r:.60} is not a finite number")
+    return {name: float(value) for name, value in given.items()}
+
+
+def _of_a_model(name: str, effects: Mapping[str, Effect]) -> bool:
     """Whether a parameter of this name is some model's; ``effects`` are those known."""
     effect, dot, _ = name.rpartition(".")
+    if name.startswith(CONDITIONS):
+        return any(name.removeprefix(CONDITIONS) in item.conditions for item in effects.values())
     return effect.partition(":")[0] in effects if dot else name in PARAMETERS or name in MODEL_OPTIONS
 
 

@@ -114,7 +114,7 @@ def phi_sum(J, h, b1, b2, b3, out, A, B, C):
     for i in range(n):
         A[i, n], A[i, n + 1], A[i, n + 2] = b3[i], b2[i], b1[i]
     A[n, n + 1] = A[n + 1, n + 2] = 1.0
-    halvings = 1 if norm < 1.0 else 2 + int(math.ceil(math.log2(norm)))
+    halvings = 1 if norm < 1.0 else 2 + int(math.ceil(np.log2(norm)))
     part = 0.5**halvings
     for i in range(size):
         for j in range(size):

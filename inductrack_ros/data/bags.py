@@ -46,6 +46,7 @@ def read_bag(
         a key is absent, the topic of that name beside the given pose; without one `/inductrack/measured/<key>`, or
         `/inductrack/<key>` in a bag that has nothing under `measured/`. A pose is required, the others are read if
         they are there.
+
     gravity: m/s², what an Imu at rest shows.
     inputs: what else is read into `Run.inputs`: name → `/topic:field`, e.g. `/bus:point.x`.
 

@@ -77,11 +77,18 @@ class Campaign:
         return self.remarks + tuple(f"{_some(names)}: {note}" for note, names in runs_by_note.items())
 
     def against(self, model: Model) -> Campaign:
-        """The campaign with a remark for each condition and input that neither this model nor any effect that it knows asks for."""
+        """The campaign with a remark for each condition and input that neither this model nor any effect that it knows asks for,
+        and for each condition that an effect asks for and runs do not say: where the effect is on, or other runs do."""
         asked = {c for item in model.known_effects.values() for c in item.conditions}
         asked |= {*PARAMETERS, *(f"{e}.{p}" for e, item in model.known_effects.items() for p in item.parameters)}
         given = dict.fromkeys(name for run in self.runs for name in run.conditions)
         lines = [f"condition '{name}' is not used: neither the model nor an effect asks for it" for name in given if name not in asked]
+        on = [model.known_effects[name.partition(":")[0]] for name in model.effects]
+        wanted = {c: d for item in model.known_effects.values() for c, d in item.conditions.items() if item in on or c in given}
+        for name, default in wanted.items():
+            silent = [run.name for run in self.runs if name not in run.conditions]
+            if silent and name not in PARAMETERS:
+                lines.append(f"{_some(silent)}: no condition '{name}'; {model.condition(name, default):g} is taken")
         measured = dict.fromkeys(name for run in self.runs for name in run.inputs if name != "drive_current")
         lines += [f"input '{name}' is read and not used: the model takes no input that changes in time" for name in measured]
         return replace(self, remarks=(*self.remarks, *lines))

@@ -23,6 +23,9 @@ from .order import Place, in_order
 #: Cells that say "not measured" besides the empty one and those that pandas knows (`nan`, `NA`, `null`, …).
 EMPTY = ("-", "--", "---", "?", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?")
 
+#: ns of a day.
+DAY = 86_400_000_000_000
+
 
 def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str] | None = None) -> Run:
     """Read one run from a CSV.
@@ -68,6 +71,9 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
 def _body(file: Path, data: bytes, layout: Layout, notes: list[str]) -> bytes:
     """The rows from the first of data on, each with the same number of cells, unquoted; rows that hold nothing are empty."""
     body, separator = data[layout.start :], layout.separator.encode()
+    if again := len(re.findall(layout.header, body)):
+        body = re.sub(layout.header, b"", body)  # a logger that was started again writes its header again
+        notes.append(f"{again} more header{'' if again == 1 else 's'} between the rows left out")
     if re.search(rb"(?m)^[ \t]*(#|%|//)", body):
         body = re.sub(rb"(?m)^[ \t]*(#|%|//).*$", b"", body)
     if separator == b" ":
@@ -168,7 +174,7 @@ class _Table:
             return np.empty(0), {}
         dated = self._first_time()
         frame = self._parsed({self.time.place: str} if dated else {})
-        stamps = self._dates(frame[self.time.place]) if dated else self._times(frame[self.time.place].to_numpy())
+        stamps = self._dates(frame[self.time.place], notes) if dated else self._times(frame[self.time.place].to_numpy())
         columns = {}
         for column in self.layout.columns:
             if column.name == TIME:
@@ -234,7 +240,7 @@ class _Table:
             raise self.error(int(np.argmax(np.isinf(times))), self.time, "infinite; correct it or leave it empty")
         return times * self.time.factor if self.time.factor != 1.0 else times
 
-    def _dates(self, cells: Any) -> NDArray[np.int64]:
+    def _dates(self, cells: Any, notes: list[str]) -> NDArray[np.int64]:
         """Whole ns of dates (since 1970) or times of day."""
         import pandas as pd
 
@@ -243,8 +249,7 @@ class _Table:
             text = text.str.replace(",", ".")
         first = text.iloc[0]
         if re.match(r"\d+:", first):
-            text = text.where(text.str.count(":") != 1, "00:" + text)
-            times = pd.to_timedelta(text, errors="coerce").astype("timedelta64[ns]")
+            times = _times_of_day(text)
         elif re.match(r"\d{4}-", first):
             times = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce").dt.as_unit("ns")
         else:
@@ -254,4 +259,21 @@ class _Table:
             if not text.iloc[i]:
                 raise InputError(f"{self.file}, row {self.row(i)}: no time; fill it in or delete the row")
             raise self.error(i, self.time, f"{shown(text.iloc[i])} is no time like {shown(first)}; correct it or delete the row")
-        return times.astype("int64").to_numpy()
+        stamps = times.astype("int64").to_numpy()
+        past = np.concatenate([[0], np.cumsum(np.diff(stamps) < -DAY // 2)]) if re.match(r"\d+:", first) else np.zeros(1, int)
+        if past[-1]:
+            notes.append("the times of day pass midnight: 24 h added to the later ones")
+        return stamps + past * DAY
+
+
+def _times_of_day(text: Any) -> Any:
+    """Times since midnight out of `10:59:00.5`, `59:00.5` or `10:59:00.5 PM`; not a time where there is none."""
+    import pandas as pd
+
+    half = text.str.extract(r"(?i)\b([ap])\.?m\.?$")[0].str.lower()
+    clock = text.str.replace(r"(?i)\s*\b[ap]\.?m\.?$", "", regex=True)
+    clock = clock.where(clock.str.count(":") != 1, "00:" + clock)
+    times = pd.to_timedelta(clock, errors="coerce").astype("timedelta64[ns]")
+    twelve = clock.str.match("12:")
+    hours = 12 * ((half == "p") & ~twelve).astype(int) - 12 * ((half == "a") & twelve).astype(int)
+    return times + pd.to_timedelta(hours, unit="h")

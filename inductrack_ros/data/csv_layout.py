@@ -45,6 +45,7 @@ class Layout:
     columns: tuple[Column, ...]
     first_row: int
     start: int  # byte at which that row begins
+    header: re.Pattern[bytes]  # the header's line, should it stand among the data again
 
 
 def find_layout(file: Path, data: bytes, inputs: dict[str, str], notes: list[str]) -> Layout:
@@ -57,7 +58,8 @@ def find_layout(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
     body_row, units, body_start = _units_row(data, row + 1, start, separator)
     columns = _judge(file, row, names, units, inputs, notes)
     decimal = decimal_sign(data[body_start : body_start + 20_000].decode(errors="replace"), separator)
-    return Layout(separator, decimal, len(names), columns, body_row, body_start)
+    again = re.compile(rb"(?m)^" + re.escape(text.strip().encode()) + rb"[ \t\r]*$")
+    return Layout(separator, decimal, len(names), columns, body_row, body_start, again)
 
 
 def split(line: str, separator: str) -> list[str]:

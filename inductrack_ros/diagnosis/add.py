@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 
 from threadpoolctl import threadpool_limits
 
+from ..checks import Finding, admit
 from ..core.effects import split_name
 from ..core.errors import InputError
 from ..core.model import Model
@@ -24,14 +25,23 @@ from .search import Search
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # as `diagnose` is
-def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str], None] = lambda _: None) -> Diagnosis:
+def add_effect(
+    campaign: Campaign,
+    model: Model,
+    name: str,
+    tell: Callable[[str], None] = lambda _: None,
+    hear: Callable[[tuple[Finding, ...]], None] = lambda _: None,
+) -> Diagnosis:
     """The diagnosis that ``name`` and nothing else is missing; its one rival says what the effect takes off χ².
 
     ``verdict`` is ``unknown_effect`` where more than noise is left, else ``missing_effect``, or ``adequate`` where the
-    effect gains no more than chance would. Raises `InputError` for an effect that is not known, is in the model
-    already, or is a fault of a sensor that no run has.
+    effect gains no more than chance would. ``hear`` is told what a look at the data finds. Raises `InputError` for data that cannot
+    be meant as they are written, and for an effect that is not known, is in the model already, or is a fault of a sensor that no
+    run has.
     """
     began = time.monotonic()
+    campaign, findings = admit(campaign, model)
+    hear(findings)
     item, channel = split_name(name, model.known_effects, campaign.channels)
     if name in model.effects:
         raise InputError(f"'{name}' is in the model already; nothing to add")
@@ -81,6 +91,7 @@ def add_effect(campaign: Campaign, model: Model, name: str, tell: Callable[[str]
         rivals=(rival,),
         noise=dict(zip(problem.channels, problem.sigma.tolist(), strict=True)),
         noise_given=tuple(campaign.noise_std),
+        findings=findings,
         notes=tuple(notes),
         tests=gate.tests[:12],
         p_value=gate.p_scores,

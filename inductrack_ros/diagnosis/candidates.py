@@ -13,6 +13,7 @@ from ..core.effects import Effect, catalogue
 from ..estimation.fit import Fit
 from ..estimation.problem import Linearisation, Problem
 from ..estimation.structure import Structure
+from . import placed
 from .gate import Projector
 from .signatures import RunResponse
 
@@ -70,7 +71,10 @@ def screen(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project
     """Score test of every candidate at a fit, best promise first; those the data cannot see at all are left out."""
     project = project or Projector(problem, fit)
     wanted = names(problem, fit.structure)
-    result = [s for s in first_order(problem, fit, responses, [n for n in wanted if n != WAVES], project) if np.isfinite(s.deviation)]
+    known = fit.structure.model.known_effects
+    apart = [n for n in wanted if placed.is_placed(known[n.partition(":")[0]])]
+    result = [s for s in first_order(problem, fit, responses, [n for n in wanted if n not in (WAVES, *apart)], project) if np.isfinite(s.deviation)]
+    result += [s for n in apart for s in _screen_placed(problem, fit, responses, project, n)]
     if WAVES in wanted:
         result += _screen_waves(problem, fit, responses, project)
     return sorted(result, key=lambda s: -s.promise)
@@ -91,7 +95,7 @@ def first_order(problem: Problem, fit: Fit, responses: Sequence[RunResponse], wa
 def _starts(problem: Problem, known: Mapping[str, Effect], name: str) -> tuple[Mapping[str, float], ...]:
     """Where a candidate's parameters may be sought: where it vanishes or, for some of sensors, as the readings say."""
     base, _, channel = name.partition(":")
-    if not known[base].starts:
+    if not known[base].starts or not channel:
         return ({},)
     mine = problem.channels.index(channel)
     return tuple(known[base].starts(np.concatenate([d.y[d.channel == mine] for d in problem.runs])))
@@ -152,6 +156,36 @@ def switch_columns(problem: Problem, fit: Fit, responses: Sequence[RunResponse],
         change = r.quantities(TOTALS, on=other.model.switches) - r.quantities(TOTALS)
         columns.append(r.respond(change[:, :, None]))
     return columns
+
+
+def _screen_placed(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project: Projector, name: str) -> list[Screened]:
+    """An effect at each of its starts: the best few, with the sizes that first order gives them."""
+    item = fit.structure.model.known_effects[name]
+    asked = placed.tried(item, placed.ranges([r.outputs for r in responses]))
+    structure, thetas = placed.thetas(fit.structure, fit.theta, name, asked)
+    steps = np.array([row[3] for row in asked.rows])
+
+    def one(i: int) -> np.ndarray:
+        out = problem.simulate(structure, i, thetas, np.tile(fit.states[i], (len(thetas), 1)))
+        read = problem.predict(structure, i, thetas, out)
+        return ((read[1:] - read[0]) / steps[:, None] / problem.sigma[problem.runs[i].channel]).T
+
+    parts = [np.nan_to_num(columns) for columns in problem.for_runs(one)]
+    every = project(project.stack(parts))
+    found = []
+    for k in range(len(asked.starts)):
+        mine = [r for r in asked.of(k) if np.linalg.norm(every[:, r]) > 1e-6]
+        if not mine:
+            continue
+        size, *_ = np.linalg.lstsq(every[:, mine], project.residual, rcond=1e-6)
+        promise = float(project.residual @ (every[:, mine] @ size))
+        sizes = [size[mine.index(r)] if r in mine else 0.0 for r in asked.of(k)]
+        found.append((promise, asked.sized(k, item, sizes), [p[:, mine] for p in parts], float(np.linalg.norm(every[:, mine[0]])) ** -1.0))
+    found.sort(key=lambda t: -t[0])
+    if not found:
+        return []
+    candidate = Candidate(name, tuple(start for _, start, _, _ in found[:WAVE_STARTS]), len(asked.starts), len(item.parameters))
+    return [Screened(candidate, found[0][0], found[0][2], found[0][3])]
 
 
 def _screen_waves(problem: Problem, fit: Fit, responses: Sequence[RunResponse], project: Projector) -> list[Screened]:

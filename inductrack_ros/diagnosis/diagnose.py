@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..checks import Finding
+from ..checks import Finding, admit
 from ..core.errors import InputError
 from ..core.model import Model
 from ..data.campaign import Campaign
@@ -36,15 +36,18 @@ def diagnose(
     model: Model,
     tell: Callable[[str], None] = lambda _: None,
     workers: Threads | Cluster | None = None,
-    seen: Sequence[Finding] = (),
+    hear: Callable[[tuple[Finding, ...]], None] = lambda _: None,
     budget: float = np.inf,
 ) -> Diagnosis:
     """Diagnose a campaign against a model, whose effects (if any) are kept and refitted.
 
-    ``tell`` hears what is being tried; ``workers`` do the refits; ``seen`` are the findings of the look at the data; after ``budget`` (s)
-    the best answer so far is given. Raises `InputError` for a campaign that cannot be fitted at all.
+    ``tell`` hears what is being tried, ``hear`` what a look at the data finds; ``workers`` do the refits; after ``budget`` (s) the best
+    answer so far is given. Raises `InputError` for data that cannot be meant as they are written, and for a campaign that cannot be
+    fitted at all.
     """
     began = time.monotonic()
+    campaign, seen = admit(campaign, model)
+    hear(seen)
     notes = support.inspect(campaign)
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model, seen)

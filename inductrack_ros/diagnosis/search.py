@@ -252,7 +252,7 @@ class Search:
 
         def with_others(structure: Structure) -> Structure:
             for s in others:
-                structure = structure.plus(s.candidate.name)
+                structure = structure.plus(s.candidate.name, {} if s.candidate.name == WAVES else s.candidate.starts[0])
             return structure
 
         states, theta, before = f.states, np.append(known, with_others(rest).start[len(known) :]), 1.0

@@ -8,6 +8,7 @@ import time
 import numpy as np
 from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped, WrenchStamped
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from threadpoolctl import threadpool_limits
 
 from .. import frames
@@ -140,14 +141,14 @@ class MonitorNode(Node):
                 message = TwistStamped()
                 fill_twist(message.twist, *frames.rates_to_twist(row))
             self._send(self._pose if isinstance(message, PoseStamped) else self._twist, message, stamp)
-        for publisher, values in ((self._force, fit.force), (self._sigma, fit.sigma)):
+        for topic, values in ((self._force, fit.force), (self._sigma, fit.sigma)):
             message = WrenchStamped()
             fill_wrench(message.wrench, *frames.force_to_wrench(np.nan_to_num(values)))
-            self._send(publisher, message, (window.begin + window.end) // 2)
+            self._send(topic, message, (window.begin + window.end) // 2)
 
-    def _send(self, publisher: object, message: object, stamp: int) -> None:
+    def _send(self, topic: Publisher, message: object, stamp: int) -> None:
         message.header.stamp, message.header.frame_id = stamp_of(stamp), self._frame
-        publisher.publish(message)
+        topic.publish(message)
 
     def _say(self, holds: bool, sentence: str) -> None:
         if holds:

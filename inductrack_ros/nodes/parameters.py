@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from ..core.errors import InputError, did_you_mean
-from ..core.model import Model
+from ..core.model import CONDITIONS, Model
 from ..core.options import MODEL_OPTIONS, OF_ROS, Option
 from ..core.parameters import PARAMETERS, Parameter
 from .overrides import EMPTY
@@ -18,6 +18,8 @@ __all__ = [
     "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "freedom", "given", "model_options", "plain", "when_set", "with_values", "without_unknown",
 ]  # fmt: skip
 
+#: A condition is a number of any kind; this is what its declaration says (ROS has no other way).
+BOUND = 1e9
 
 Declared = Mapping[str, Parameter | Option]
 
@@ -95,22 +97,27 @@ def freedom(model: Model) -> str:
 
 
 def effect_parameters(model: Model) -> dict[str, Parameter]:
-    """Parameters of the model's effects by their names on a node, ``EFFECT.PARAMETER``."""
-    return {
-        f"{name}.{parameter}": declared
-        for name in model.effects
-        for parameter, declared in model.known_effects[name.partition(":")[0]].parameters.items()
+    """Parameters of the model's effects by their names on a node, ``EFFECT.PARAMETER``, and the conditions that these ask for."""
+    items = {name: model.known_effects[name.partition(":")[0]] for name in model.effects}
+    found = {f"{name}.{parameter}": declared for name, item in items.items() for parameter, declared in item.parameters.items()}
+    return found | {
+        CONDITIONS + condition: Parameter(default, "", -BOUND, BOUND, f"condition of the run that {name} asks for")
+        for name, item in items.items()
+        for condition, default in item.conditions.items()
+        if condition not in PARAMETERS
     }
 
 
 def with_values(model: Model, values: Mapping[str, object]) -> Model:
-    """The model with some of its own parameters and those of its effects changed. Raises `InputError`."""
+    """The model with some of its own parameters, those of its effects and its conditions changed. Raises `InputError`."""
     effects = {name: dict(parameters) for name, parameters in model.effects.items()}
+    conditions = {n.removeprefix(CONDITIONS): v for n, v in values.items() if n.startswith(CONDITIONS)}
     for name, value in values.items():
         effect, dot, parameter = name.rpartition(".")
-        if dot:
+        if dot and not name.startswith(CONDITIONS):
             effects[effect][parameter] = value
-    return model.with_changes({n: v for n, v in values.items() if n in PARAMETERS}, effects)
+    own = {n: v for n, v in values.items() if n in PARAMETERS}
+    return model.with_changes(own, effects, conditions={**model.conditions, **conditions})
 
 
 def _descriptor(one: Parameter | Option, live: bool) -> ParameterDescriptor:

@@ -31,7 +31,7 @@ class Recorder(Node):
     """Subscribes without deserializing and hands the bytes to a `SegmentedBag`."""
 
     def __init__(self, options: argparse.Namespace) -> None:
-        super().__init__("record")
+        super().__init__("record", namespace=options.namespace)
         self._options = options
         self._bag = SegmentedBag(options.output)
         self._skipped: set[str] = set()
@@ -53,7 +53,7 @@ class Recorder(Node):
             return True
         if self._options.topics:
             return topic in self._options.topics
-        name = topic.removeprefix(f"/{self._options.namespace}/")
+        name = topic.removeprefix(f"{self.get_namespace().rstrip('/')}/")
         return topic == "/clock" or (name != topic and not name.startswith(NOT_WANTED))
 
     def _look_for_topics(self) -> None:
@@ -147,7 +147,7 @@ def parse(args: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="record", description=__doc__)
     parser.add_argument("topics", nargs="*", help="full topic names; default: all of the namespace, and /clock")
     parser.add_argument("-a", "--all", action="store_true", help="record every topic there is")
-    parser.add_argument("-n", "--namespace", default=NAMESPACE, help=f"default: {NAMESPACE}")
+    parser.add_argument("-n", "--namespace", default=NAMESPACE, help=f"of the topics, default: {NAMESPACE}; --ros-args -r __ns:=/NAME says it too")
     parser.add_argument("-o", "--output", help="folder of the bag; default: rosbag2_<date and time>")
     parser.add_argument("-d", "--duration", type=_duration, help="end so many seconds after the first message, of the time that --stamp says")
     parser.add_argument(

@@ -53,7 +53,7 @@ def explorer(
     noise: Mapping[str, float],
     effects: Sequence[str] = (),
     variants: Sequence[Sequence[str]] = ((),),
-    opening: Opening = Opening(),
+    opening: Opening = Opening(),  # noqa: B008  it never changes
 ) -> Markup:
     """HTML of the explorer. ``variants`` are the subsets of ``effects`` that were predicted, the first of them none."""
     channels = [c for c in noise if any(c in r.traces for r in runs)]

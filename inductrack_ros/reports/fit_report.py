@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
+from ..checks import Finding
 from ..estimation.identify import Fit, Profile, valley
 from ..estimation.misfits import SeriesMisfit, TravelMisfit, Travels
 from .fit_figures import distances, profiles
@@ -30,6 +31,7 @@ class FitReport:
     travel: TravelMisfit | None
     series: SeriesMisfit | None
     notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 def results(report: FitReport) -> dict[str, Any]:
@@ -38,6 +40,7 @@ def results(report: FitReport) -> dict[str, Any]:
     along = valley(fit)
     return {
         "verdict": report.words,
+        "findings": [f.to_json() for f in report.findings],
         "parameters": {
             n: {
                 "value": v, "std": s, "interval": [p.low, p.high], "flat": p.flat, "nelder_mead": nm,
@@ -79,6 +82,7 @@ def render(report: FitReport) -> str:
         tone="warn" if flat or fit.chance < 1e-4 else "good",
         lead=joined(markup("<p>{}.</p>", raised(s.rstrip('.'))) for s in rest),
         notes=report.notes,
+        findings=report.findings,
     )
     page.picture(
         page.figure(

@@ -77,7 +77,7 @@ def draw_start(rng, speed, rigs, one_sided):
         if one_sided:
             heave, sway, roll = abs(heave), abs(sway), abs(roll)
         start = np.array([0.0, sway, equilibrium + heave, roll, speed, 0.0, 0.0, 0.0])
-        state = np.zeros((1, 10))
+        state = np.zeros((1, sim.STATES))
         state[0, :8] = start
         if sim.channels_of(np.zeros(1), state, 0.0, rigs, GAPS).min() > 2e-4:
             return start
@@ -175,9 +175,10 @@ def draw_effect(rng, name, experiment, jacobians, target, channel=None):
     return hidden_effects.with_size(name, float(f"{size:.3g}"), sign, shapes, channel, noise)
 
 
-def names_to_hide(rng, kind, channels):
-    """A list of (name, sensor channel) to try."""
-    catalogue = list(hidden_effects.CATALOGUE)
+def names_to_hide(rng, kind, channels, whole=False):
+    """A list of (name, sensor channel) to try; `whole`: the effects of November among them."""
+    catalogue = [*hidden_effects.CATALOGUE, *(hidden_effects.PLANT if whole else ())]
+    sensors = [*hidden_effects.SENSORS, *(hidden_effects.LATER_SENSORS if whole else ())]
 
     def some(table, number):
         return [(str(name), None) for name in rng.choice(list(table), number, replace=False)]
@@ -185,7 +186,8 @@ def names_to_hide(rng, kind, channels):
     if kind == "nothing":
         return []
     if kind == "sensor":
-        return [(str(rng.choice(list(hidden_effects.SENSORS))), str(rng.choice(channels)))]
+        name, channel = str(rng.choice(sensors)), str(rng.choice(channels))
+        return [(name, None if name == "sensor_misalignment" else channel)]
     if kind == "unknown":
         return some(hidden_effects.OUTSIDE, 1) + (some(catalogue, 1) if rng.random() < 0.4 else [])
     return some(catalogue, {"single": 1, "two": 2, "three": 3}[kind])
@@ -196,21 +198,25 @@ def with_past_contact(experiment, hidden):
     return experiment
 
 
-def rivals_of(experiment, hidden, index):
+def rivals_of(experiment, hidden, index, whole=False):
     """The catalogue's eight best imitations of effect `index` and what each leaves unexplained (in noise)."""
     noise = dict(zip(experiment.channels, experiment.noise, strict=True))
-    candidates = hidden_effects.small_catalogue(experiment.channels, noise)
+    candidates = hidden_effects.small_catalogue(experiment.channels, noise, whole)
     return dict(list(clarity.imitations(experiment, hidden, index, candidates).items())[:8])
 
 
 def stays_in_track(runs, eta, gamma, hidden):
     """Whether no run tips the cradle over: past this there is no rig that anybody would measure."""
-    rigs = clarity.rig_of(eta, gamma, hidden)
-    rolls = (sim.measure(run["times"], run["start"], run["drive_current"], rigs, ["roll"], [])[0] for run in runs)
+
+    def roll(run):
+        rigs = clarity.rig_of(eta, gamma, hidden, run.get("conditions"))
+        return sim.measure(run["times"], run["start"], run["drive_current"], rigs, ["roll"], [])[0]
+
+    rolls = (roll(run) for run in runs)
     return all(np.abs(roll).max() < MOST_ROLL for roll in rolls)
 
 
-def draw_hidden(rng, kind, experiment, faint, clear, names=None):
+def draw_hidden(rng, kind, experiment, faint, clear, names=None, whole=False):
     """Effects that all show: (hidden, their signals). Redraws what the campaign cannot show."""
     cache = {}
 
@@ -222,7 +228,7 @@ def draw_hidden(rng, kind, experiment, faint, clear, names=None):
 
     best, best_score = ([], []), -1.0
     for _ in range(1 if names else 20):
-        wanted = names or names_to_hide(rng, kind, experiment.channels)
+        wanted = names or names_to_hide(rng, kind, experiment.channels, whole)
         if not wanted:
             return [], []
         hidden = [
@@ -232,7 +238,7 @@ def draw_hidden(rng, kind, experiment, faint, clear, names=None):
         found = clarity.signals(with_past_contact(experiment, hidden), hidden)
         score = min(one.get("signal_after_others", one["signal_after_nuisance"]) for one in found)
         if kind == "unknown":  # a strange effect that one of the catalogue imitates is no question
-            found[0]["imitations"] = rivals_of(experiment, hidden, 0)
+            found[0]["imitations"] = rivals_of(experiment, hidden, 0, whole)
             score = min([score, *found[0]["imitations"].values()])
         if not names and not stays_in_track(experiment.runs, experiment.eta, experiment.gamma, hidden):
             continue
@@ -246,7 +252,15 @@ def draw_hidden(rng, kind, experiment, faint, clear, names=None):
 # ---- files ---------------------------------------------------------------------------------------
 
 
-def noisy_csv(rng, run, plan, rigs, faults):
+def with_temperatures(seed, runs):
+    """The runs on warm and cold days (their own seed: whatever else is drawn stays what it was)."""
+    rng = np.random.default_rng([seed, 20])
+    days = [{name: float(f"{rng.uniform(5, 60):.3g}") for name in hidden_effects.CONDITIONS} for _ in runs]
+    return [{**run, "conditions": day} for run, day in zip(runs, days, strict=True)]
+
+
+def noisy_csv(rng, run, plan, truth, faults):
+    rigs = clarity.rig_of(*truth, run.get("conditions"))
     values, contact = sim.measure(run["times"], run["start"], run["drive_current"], rigs, plan["channels"], faults)
     values = values + rng.standard_normal(values.shape) * [plan["noise"][name] for name in plan["channels"]]
     empty = rng.random(values.shape) < plan["empty_cells"]
@@ -258,7 +272,7 @@ def noisy_csv(rng, run, plan, rigs, faults):
     return "\n".join(lines) + "\n", contact
 
 
-def folder_contents(rng, name, prefix, runs, plan, rigs, faults, exact):
+def folder_contents(rng, name, prefix, runs, plan, truth, faults, exact):
     """File name -> text; `exact` writes each run's true start into campaign.yaml. Also the times of first contact."""
     given = {"all": plan["channels"], "none": [], "some": plan["channels"][:2]}[plan["noise_given"]]
     config = {"name": name, "runs": []}
@@ -267,9 +281,11 @@ def folder_contents(rng, name, prefix, runs, plan, rigs, faults, exact):
     contents, contacts = {}, []
     for i, run in enumerate(runs):
         file = f"{prefix}_{i:02d}.csv"
-        contents[file], contact = noisy_csv(rng, run, plan, rigs, faults)
+        contents[file], contact = noisy_csv(rng, run, plan, truth, faults)
         contacts.append(None if contact == math.inf else round(contact, 4))
         row = {"file": file, "drive_current": run["drive_current"]}
+        if "conditions" in run:
+            row["conditions"] = run["conditions"]
         if exact:
             row["initial_state"] = dict(zip(sim.STATE_CHANNELS, map(float, run["start"]), strict=True))
         config["runs"].append(row)
@@ -278,10 +294,10 @@ def folder_contents(rng, name, prefix, runs, plan, rigs, faults, exact):
 
 
 def diagnosis_name(effect):
-    return f"{effect['effect']}:{effect['channel']}" if effect["effect"].startswith("sensor_") else effect["effect"]
+    return f"{effect['effect']}:{effect['channel']}" if effect.get("channel") else effect["effect"]
 
 
-def draw_campaign(seed, kind=None, design=None, names=None, faint=15.0, clear=1500.0, twins=False):
+def draw_campaign(seed, kind=None, design=None, names=None, faint=15.0, clear=1500.0, twins=False, whole=False):
     """One blind campaign, all from `seed`.
 
     kind: one of KINDS (drawn where None); design: one of DESIGNS.
@@ -289,6 +305,8 @@ def draw_campaign(seed, kind=None, design=None, names=None, faint=15.0, clear=15
     faint, clear: bounds of the signal_after_nuisance aimed at (see clarity.py), log-uniform between.
     twins: add to the truth what each catalogue effect would leave unexplained of each hidden one ("imitations", a few
     seconds; always there for the effect of kind "unknown").
+
+    whole: the effects of November 2026 are among those drawn, and runs are on warm and cold days.
 
     Returns (contents, truth, heldout): contents and heldout map file names to text; heldout's campaign.yaml gives
     exact initial states.
@@ -302,18 +320,20 @@ def draw_campaign(seed, kind=None, design=None, names=None, faint=15.0, clear=15
     plain = sim.rig(eta=eta, gamma=gamma)
     plan = draw_plan(rng, design)
     runs = draw_runs(rng, plan, plain, plan["number_of_runs"])
+    runs = with_temperatures(seed, runs) if whole else runs
     experiment = clarity.Experiment(runs, plan["channels"], plan["noise"], eta, gamma)
-    hidden, found = draw_hidden(rng, kind, experiment, faint, clear, names)
+    hidden, found = draw_hidden(rng, kind, experiment, faint, clear, names, whole)
 
-    rigs, faults = clarity.rig_of(eta, gamma, hidden), clarity.faults_of(hidden)
+    rig, faults = (eta, gamma, hidden), clarity.faults_of(hidden)
     name = f"blind_{seed}"
-    contents, contacts = folder_contents(rng, name, "run", runs, plan, rigs, faults, exact=False)
+    contents, contacts = folder_contents(rng, name, "run", runs, plan, rig, faults, exact=False)
     number = int(rng.integers(3, 6))
     for _ in range(20):
         further = draw_runs(rng, plan, plain, number)
+        further = with_temperatures(seed + 1, further) if whole else further
         if stays_in_track(further, eta, gamma, hidden):
             break
-    heldout, heldout_contacts = folder_contents(rng, name, "heldout", further, plan, rigs, faults, exact=True)
+    heldout, heldout_contacts = folder_contents(rng, name, "heldout", further, plan, rig, faults, exact=True)
 
     known = [effect for effect in hidden if effect["effect"] not in hidden_effects.OUTSIDE]
     strange = [effect for effect in hidden if effect["effect"] in hidden_effects.OUTSIDE]
@@ -346,7 +366,7 @@ def draw_campaign(seed, kind=None, design=None, names=None, faint=15.0, clear=15
     if twins:
         with_past_contact(experiment, hidden)
         for index, effect in enumerate(hidden):
-            truth["clarity"][diagnosis_name(effect)]["imitations"] = rivals_of(experiment, hidden, index)
+            truth["clarity"][diagnosis_name(effect)]["imitations"] = rivals_of(experiment, hidden, index, whole)
     return contents, truth, heldout
 
 
@@ -383,6 +403,7 @@ def main():
     )
     parser.add_argument("--faint", type=float, default=15.0)
     parser.add_argument("--clear", type=float, default=1500.0)
+    parser.add_argument("--whole", action="store_true", help="the effects of November 2026 too, runs on warm and cold days")
     parser.add_argument("--twins", action="store_true", help="also say which effects could imitate the hidden ones")
     given = parser.parse_args()
     names = [((text + ":").split(":")[0], text.partition(":")[2] or None) for text in given.effect or []] or None
@@ -395,6 +416,7 @@ def main():
         faint=given.faint,
         clear=given.clear,
         twins=given.twins,
+        whole=given.whole,
     )
 
 

@@ -17,6 +17,7 @@ is hidden does travel count after it.
 
 import numpy as np
 
+from independent import hidden_effects
 from independent import simulator as sim
 
 STEPS = {"far_step": 5e-4, "near_step": 5e-5}  # coarse: only differences between runs count
@@ -25,9 +26,14 @@ START_STEPS = np.array([1e-4, 1e-6, 1e-6, 3e-6, 1e-3, 3e-5, 3e-5, 1e-4])
 GLOBAL_STEPS = {"eta": 1e-5, "gamma": 1e-4}
 
 
-def rig_of(eta, gamma, hidden):
-    """Rig with the hidden effects, each {"effect": ..., "fields": {...}}; a sensor fault leaves the rig alone."""
+def rig_of(eta, gamma, hidden, conditions=None):
+    """Rig with the hidden effects, each {"effect": ..., "fields": {...}}; a sensor fault leaves the rig alone.
+
+    conditions: of a run, {"track_temperature": 31.0, ...}.
+    """
     changes = {"eta": eta, "gamma": gamma}
+    for name, value in (conditions or {}).items():
+        changes[hidden_effects.CONDITIONS[name]] = value
     for effect in hidden:
         changes.update(effect.get("fields", {}))
     return sim.rig(**changes)
@@ -48,7 +54,7 @@ class Experiment:
 
     def one(self, index, start, eta, gamma, hidden):
         run = self.runs[index]
-        rigs = rig_of(eta, gamma, hidden)
+        rigs = rig_of(eta, gamma, hidden, run.get("conditions"))
         faults, options = faults_of(hidden), {"stop_at_contact": not self.past_contact, **STEPS}
         values, contact = sim.measure(run["times"], start, run["drive_current"], rigs, self.channels, faults, **options)
         if self.past_contact:

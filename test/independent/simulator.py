@@ -6,8 +6,8 @@ Why: a diagnosis that is only tested on its own simulator cannot notice that sim
 Source: N. H. Kim and L. Ge, J. Vibration and Control 2012, doi 10.1177/1077546312438601; equation numbers are the
 paper's, as corrected in model.md.
 Units: SI, radians. Axes: x lateral (left), y up, z forward, roll about z.
-State (10): 0 surge, 1 sway, 2 heave, 3 roll, 4..7 their rates, 8 and 9 the coil's lag current (real and imaginary, J
-= L I - flux, Wb).
+State (12): 0 surge, 1 sway, 2 heave, 3 roll, 4..7 their rates, 8 and 9 the coil's lag current (real and imaginary, J
+= L I - flux, Wb), 10 and 11 how much higher the magnets' frame stands over the body than at rest, and its rate.
 
 The rig is one numpy record (see FIELDS): every effect is always in the formulas and is off at the value given in
 FIELDS.
@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 C = math.sqrt(0.5)
+STATES = 12
 
 # name -> value that leaves the model as published. A double underscore separates effect and parameter.
 FIELDS = {
@@ -67,6 +68,24 @@ FIELDS = {
     "crosswind__force": 0.0,
     "beam_attraction__force": 0.0,
     "halbach_fifth_harmonic__relative_amplitude": 0.0,
+    # --- those added in November 2026
+    "flexible_mode__frequency": math.inf,
+    "flexible_mode__damping_ratio": 0.03,
+    "flexible_mode__mass_ratio": 0.3,
+    "dead_coils__place": 0.0,
+    "dead_coils__fraction": 0.0,
+    "joint_step__height": 0.0,
+    "joint_step__place": 0.0,
+    "auxiliary_wheels__height": 0.0,
+    "auxiliary_wheels__stiffness": 0.0,
+    "auxiliary_wheels__damping": 0.0,
+    "auxiliary_wheels__rolling_resistance": 0.0,
+    "bungee_launcher__stiffness": 0.0,
+    "bungee_launcher__stroke": 1.0,
+    "track_temperature__coefficient": 0.0,
+    "magnet_temperature__coefficient": 0.0,
+    "track_celsius": 20.0,  # conditions of a run
+    "magnet_celsius": 20.0,
     # --- outside the catalogue: what an "unknown" campaign hides
     "heave_patch__force": 0.0,  # F_y -= F exp(-((z - place)/width)^2): a magnetised patch
     "heave_patch__place": 0.0,
@@ -117,10 +136,15 @@ def rig(**changes):
 
 @njit(cache=True)
 def track_height(z, p):
-    """Height of the track's zero pose and its slope along the travel (guideway_waviness)."""
+    """Height of the track's zero pose and its slope along the travel (guideway_waviness, joint_step)."""
     q = 2 * math.pi / p.guideway_waviness__wavelength
     angle = q * z + p.guideway_waviness__phase
-    return p.guideway_waviness__amplitude * math.sin(angle), p.guideway_waviness__amplitude * q * math.cos(angle)
+    height, slope = p.guideway_waviness__amplitude * math.sin(angle), p.guideway_waviness__amplitude * q * math.cos(angle)
+    if p.joint_step__height != 0:
+        fall = math.exp(-2 * min(max((z - p.joint_step__place) / 0.05, -300.0), 300.0))  # (1 + tanh u)/2 = 1/(1 + e^-2u)
+        height += p.joint_step__height / (1 + fall)
+        slope += p.joint_step__height * 2 * fall / (1 + fall) ** 2 / 0.05
+    return height, slope
 
 
 @njit(cache=True)
@@ -130,8 +154,8 @@ def gap(i, s, p):
     cos, sin = math.cos(s[3]), math.sin(s[3])
     ax = cos * PX[i] - sin * PY[i]
     ay = sin * PX[i] + cos * PY[i]
-    g = p.g0 + (s[1] + ax - PX[i]) * NX[i] + (s[2] - height + ay - PY[i]) * NY[i]
-    rate = (s[5] - s[7] * ay) * NX[i] + (s[6] - slope * s[4] + s[7] * ax) * NY[i]
+    g = p.g0 + (s[1] + ax - PX[i]) * NX[i] + (s[2] + s[10] - height + ay - PY[i]) * NY[i]
+    rate = (s[5] - s[7] * ay) * NX[i] + (s[6] + s[11] - slope * s[4] + s[7] * ax) * NY[i]
     return g, rate, ax, ay
 
 
@@ -157,7 +181,9 @@ def circuit(t, v, p):
     k = 2 * math.pi / p.wavelength
     f = k * abs(v) / (2 * math.pi)
     field = p.B0 * (1 - p.magnet_warming__rate * t)
+    field *= 1 + p.magnet_temperature__coefficient * (p.magnet_celsius - 20)
     resistance = p.R * (1 + p.track_resistance__relative_change) * (1 + (f / p.skin_effect__corner_frequency) ** 2)
+    resistance *= 1 + p.track_temperature__coefficient * (p.track_celsius - 20)
     inductance = p.L * (1 + p.track_inductance__relative_change)
     return field, k * max(v, 0.0), resistance, inductance
 
@@ -216,6 +242,11 @@ def derivative(t, s, drive_current, p, ds):
         ds[9] = 0.0
     lift_factor = 2 * p.coils * field * current_re / 2 if omega > 0 else 0.0  # (36) without e_i
     drag = total * 2 * p.coils * field * current_im / 2 if omega > 0 else 0.0  # (38)
+    off = abs(z - p.dead_coils__place)
+    if off < 0.65 / 2:
+        alive = 1 - p.dead_coils__fraction * math.cos(math.pi * off / 0.65) ** 2
+        lift_factor *= alive
+        drag *= alive
 
     # contact (25): positive is what the track presses on the array; it acts with the repulsion against the normal
     c0 = -min(p.contact_stiffness * g0 + p.contact_damping * rate0, 0.0) if g0 < 0 else 0.0
@@ -253,6 +284,16 @@ def derivative(t, s, drive_current, p, ds):
     fx -= p.sway_damping__coefficient * vx
     moment -= p.roll_damping__coefficient * w
 
+    # launcher and landing wheels
+    fz += p.bungee_launcher__stiffness * max(p.bungee_launcher__stroke - z, 0.0)
+    if g0 < p.auxiliary_wheels__height:
+        load = p.auxiliary_wheels__stiffness * (p.auxiliary_wheels__height - g0) - p.auxiliary_wheels__damping * rate0
+        if load > 0:
+            fy += load
+            moment += load * ax0
+            if v != 0:
+                fz -= p.auxiliary_wheels__rolling_resistance * load * math.copysign(1.0, v)
+
     # other catalogue forces
     fx += p.crosswind__force
     fy -= p.beam_attraction__force * math.exp(-2 * k * g0)
@@ -272,10 +313,20 @@ def derivative(t, s, drive_current, p, ds):
     fy += p.heave_shake__force * math.sin(2 * math.pi * p.heave_shake__frequency * t)
     fx += p.sway_from_speed__coefficient * v * v
 
+    # an elastic frame of mass mu m takes all of it and passes on what its spring does
+    up = fy / p.mass
+    ds[10] = ds[11] = 0.0
+    if p.flexible_mode__frequency < math.inf:
+        own = 2 * math.pi * p.flexible_mode__frequency
+        spring = own * own * s[10] + 2 * p.flexible_mode__damping_ratio * own * s[11]
+        ds[10] = s[11]
+        ds[11] = up / p.flexible_mode__mass_ratio - spring
+        up = p.flexible_mode__mass_ratio * spring
+
     ds[0], ds[1], ds[2], ds[3] = v, vx, vy, w
     ds[4] = fz / p.mass
     ds[5] = fx / p.mass
-    ds[6] = fy / p.mass
+    ds[6] = up
     ds[7] = moment / p.roll_inertia
     return min(g0, min(g1, g2))
 
@@ -283,29 +334,29 @@ def derivative(t, s, drive_current, p, ds):
 @njit(cache=True)
 def step(t, s, h, drive_current, p, k1, k2, k3, k4, trial):
     """One classical Runge-Kutta step of h (s), in place; k1 must hold the derivative at (t, s)."""
-    for i in range(10):
+    for i in range(STATES):
         trial[i] = s[i] + 0.5 * h * k1[i]
     derivative(t + 0.5 * h, trial, drive_current, p, k2)
-    for i in range(10):
+    for i in range(STATES):
         trial[i] = s[i] + 0.5 * h * k2[i]
     derivative(t + 0.5 * h, trial, drive_current, p, k3)
-    for i in range(10):
+    for i in range(STATES):
         trial[i] = s[i] + h * k3[i]
     derivative(t + h, trial, drive_current, p, k4)
-    for i in range(10):
+    for i in range(STATES):
         s[i] += h / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i])
 
 
 @njit(cache=True)
 def integrate(times, s0, drive_current, rigs, far_step, near_step, stop_at_contact, states):
-    """Fill states (n, 10) at `times` (ascending; those before 0 are integrated backwards). Returns the time of first
+    """Fill states (n, STATES) at `times` (ascending; those before 0 are integrated backwards). Returns the time of first
     contact (inf if none).
 
     `far_step` is used while every gap is above 0.3 mm, `near_step` otherwise, so the kink of the contact force is met
     with short steps. With stop_at_contact the rows after the first contact are NaN.
     """
     p = rigs[0]
-    k1, k2, k3, k4, trial = np.empty(10), np.empty(10), np.empty(10), np.empty(10), np.empty(10)
+    k1, k2, k3, k4, trial = np.empty(STATES), np.empty(STATES), np.empty(STATES), np.empty(STATES), np.empty(STATES)
     n = len(times)
     contact = math.inf
 
@@ -360,9 +411,9 @@ def steady_current(t, s, p):
 @njit(cache=True)
 def heave_force(heave, v, p):
     """Force up (N) on a centred cradle at rest in heave, averaged law; for the equilibrium."""
-    s = np.zeros(10)
+    s = np.zeros(STATES)
     s[2], s[4] = heave, v
-    ds = np.empty(10)
+    ds = np.empty(STATES)
     derivative(0.0, s, 0.0, p, ds)
     return ds[6] * p.mass
 
@@ -385,15 +436,17 @@ def equilibrium_heave(v, rigs):
 
 
 def simulate(times, start, drive_current, rigs, far_step=1e-4, near_step=1e-5, stop_at_contact=False):
-    """Run the rig. times (n,) s; start (8,) SI; returns states (n, 10) and the time of first contact."""
+    """Run the rig. times (n,) s; start (8,) SI; returns states (n, STATES) and the time of first contact."""
     times = np.ascontiguousarray(times, dtype=float)
-    s0 = np.zeros(10)
+    s0 = np.zeros(STATES)
     s0[:8] = start
     p = rigs[0]
     if p["coil_current_dynamics__on"] > 0:
         far_step = min(far_step, 5e-5)
-        s0[8:] = steady_current(0.0, s0, p)
-    states = np.empty((len(times), 10))
+        s0[8:10] = steady_current(0.0, s0, p)
+    if p["flexible_mode__frequency"] < math.inf:
+        far_step = min(far_step, 0.05 / p["flexible_mode__frequency"])
+    states = np.empty((len(times), STATES))
     contact = integrate(times, s0, float(drive_current), rigs, far_step, near_step, stop_at_contact, states)
     return states, contact
 
@@ -408,7 +461,7 @@ ACCELERATION_CHANNELS = ("surge_acceleration", "sway_acceleration", "heave_accel
 @njit(cache=True)
 def derived_channels(times, states, drive_current, rigs, gaps, accelerations):
     p = rigs[0]
-    ds = np.empty(10)
+    ds = np.empty(STATES)
     for row in range(len(times)):
         for i in range(3):
             gaps[row, i] = gap(i, states[row], p)[0]
@@ -435,25 +488,66 @@ def channels_of(times, states, drive_current, rigs, names):
 def measure(times, start, drive_current, rigs, names, faults=(), **steps):
     """What noiseless sensors would log: simulate, then apply sensor faults.
 
-    faults: dicts {"effect": "sensor_bias" | "sensor_scale" | "sensor_delay", "channel": ..., "bias" | "scale" |
-    "delay": ...}. measured = true + bias; scale * true; true(t - delay), where the motion before t = 0 is the one
-    that leads to `start`.
+    faults: dicts {"effect": "sensor_...", "channel": ..., parameter: value}. measured = true + bias; scale * true;
+    true(t - delay), where the motion before t = 0 is the one that leads to `start`; true + rate t (drift);
+    true((1 + rate) t) (clock); true clipped to +- limit (saturation); the reading that follows with time_constant
+    (lag), settled at the start; and, of no channel, sway and heave turned by angle, their rates alike (misalignment).
     Returns values (n, len(names)) and the time of first contact.
     """
     states, contact = simulate(times, start, drive_current, rigs, **steps)
     values = channels_of(times, states, drive_current, rigs, names)
+    def seen_at(moments, channel):
+        moments = np.ascontiguousarray(moments, dtype=float)
+        moved, _ = simulate(moments, start, drive_current, rigs, **steps)
+        return channels_of(moments, moved, drive_current, rigs, [channel])[:, 0]
+
     for fault in faults:
+        kind = fault["effect"]
+        if kind == "sensor_misalignment":
+            turn(values, states, names, fault["angle"])
+            continue
         if fault["channel"] not in names:
             continue
         column = list(names).index(fault["channel"])
-        if fault["effect"] == "sensor_bias":
+        if kind == "sensor_bias":
             values[:, column] += fault["bias"]
-        elif fault["effect"] == "sensor_scale":
+        elif kind == "sensor_scale":
             values[:, column] *= fault["scale"]
-        elif fault["effect"] == "sensor_delay":
-            earlier = np.ascontiguousarray(times) - fault["delay"]
-            late, _ = simulate(earlier, start, drive_current, rigs, **steps)
-            values[:, column] = channels_of(earlier, late, drive_current, rigs, [fault["channel"]])[:, 0]
+        elif kind == "sensor_drift":
+            values[:, column] += fault["rate"] * np.asarray(times)
+        elif kind == "sensor_saturation":
+            values[:, column] = np.clip(values[:, column], -fault["limit"], fault["limit"])
+        elif kind == "sensor_delay":
+            values[:, column] = seen_at(np.asarray(times) - fault["delay"], fault["channel"])
+        elif kind == "sensor_clock":
+            values[:, column] = seen_at((1 + fault["rate"]) * np.asarray(times), fault["channel"])
+        elif kind == "sensor_lag":
+            values[:, column] = lagged(np.asarray(times, dtype=float), lambda t, f=fault: seen_at(t, f["channel"]), fault["time_constant"])
         else:
-            raise KeyError(fault["effect"])
+            raise KeyError(kind)
     return values, contact
+
+
+def turn(values, states, names, angle):
+    """Sway and heave sensors of an instrument that is turned by `angle`, in place; their rates alike."""
+    for sway, heave, place in (("sway", "heave", 1), ("sway_rate", "heave_rate", 5)):
+        x, y = states[:, place], states[:, place + 1]
+        if sway in names:
+            values[:, list(names).index(sway)] = x * math.cos(angle) + y * math.sin(angle)
+        if heave in names:
+            values[:, list(names).index(heave)] = y * math.cos(angle) - x * math.sin(angle)
+
+
+def lagged(times, truth, time_constant, spacing=2e-4):
+    """The reading at `times` of a sensor that follows the truth, linear between points 0.2 ms apart: exact there."""
+    fine = np.unique(np.concatenate([times, np.arange(0.0, times[-1], min(spacing, 0.2 * time_constant))]))
+    true = truth(fine)
+    reading = np.empty(len(fine))
+    reading[0] = true[0]
+    for k in range(1, len(fine)):
+        h = fine[k] - fine[k - 1]
+        slope, decay = (true[k] - true[k - 1]) / h, math.exp(-h / time_constant)
+        # of r' = (u - r)/tau with u = u0 + slope t: u - tau slope is followed exactly, the rest decays
+        steady = true[k] - time_constant * slope
+        reading[k] = steady + (reading[k - 1] - (true[k - 1] - time_constant * slope)) * decay
+    return reading[np.searchsorted(fine, times)]

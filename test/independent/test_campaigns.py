@@ -79,7 +79,19 @@ def test_known_twins_imitate_each_other():
     assert numbers["imitations"]["sensor_bias:sway"] < 0.1 * numbers["signal_after_nuisance"]
 
 
-@pytest.mark.parametrize("name", [*hidden_effects.CATALOGUE, *hidden_effects.OUTSIDE])
+@pytest.mark.parametrize("name", ["dead_coils", "joint_step", "track_temperature", "sensor_lag"])
+def test_effects_of_november_are_drawn_from_the_whole_catalogue(name):
+    """They show as clearly as asked, on runs of warm and cold days; without `whole` a seed's campaign is what it was."""
+    channel = "heave" if name.startswith("sensor_") else None
+    contents, truth, _ = campaigns.draw_campaign(31, "single", "coasting", [(name, channel)], faint=40.0, clear=60.0, whole=True)
+    shown = truth["clarity"][f"{name}:{channel}" if channel else name]["signal_after_nuisance"]
+    assert 20 < shown < 120
+    days = [run["conditions"]["track_temperature"] for run in yaml.safe_load(contents["campaign.yaml"])["runs"]]
+    assert np.ptp(days) > 10
+    assert "conditions" not in campaigns.draw_campaign(31, "nothing", "coasting")[0]["campaign.yaml"]
+
+
+@pytest.mark.parametrize("name", [*hidden_effects.CATALOGUE, *hidden_effects.OUTSIDE, *hidden_effects.PLANT])
 def test_every_effect_can_be_drawn(name):
     """The simulator has the fields each entry of the tables sets."""
     row = hidden_effects.table_of(name)

@@ -83,6 +83,19 @@ def test_every_effect_moves_the_cradle(field):
         "lift_above_speed__threshold": {"lift_above_speed__slope": 1.0},
         "drag_from_time__start": {"drag_from_time__force": 5.0},
         "heave_cubic_spring__centre": {"heave_cubic_spring__stiffness": 1e7},
+        "flexible_mode__damping_ratio": {"flexible_mode__frequency": 20.0},
+        "flexible_mode__mass_ratio": {"flexible_mode__frequency": 20.0},
+        "dead_coils__fraction": {"dead_coils__place": 3.0},
+        "dead_coils__place": {"dead_coils__fraction": 0.3},
+        "joint_step__height": {"joint_step__place": 3.0},
+        "joint_step__place": {"joint_step__height": 1e-4},
+        "auxiliary_wheels__stiffness": {"auxiliary_wheels__height": 6e-3},
+        "auxiliary_wheels__damping": {"auxiliary_wheels__height": 6e-3, "auxiliary_wheels__stiffness": 1e3},
+        "auxiliary_wheels__height": {"auxiliary_wheels__stiffness": 1e3},
+        "auxiliary_wheels__rolling_resistance": {"auxiliary_wheels__height": 6e-3, "auxiliary_wheels__stiffness": 1e3},
+        "bungee_launcher__stroke": {"bungee_launcher__stiffness": 1.0},
+        "track_temperature__coefficient": {"track_celsius": 40.0},
+        "magnet_temperature__coefficient": {"magnet_celsius": 40.0},
     }
     for kind in ("heave", "sway", "surge", "roll"):
         strength = f"{kind}_patch__{'moment' if kind == 'roll' else 'force'}"
@@ -98,6 +111,12 @@ def test_every_effect_moves_the_cradle(field):
         "heave_from_sway_squared__coefficient": 1e5,
         "guideway_waviness__wavelength": 2.0,
         "drag_from_time__start": 0.2,
+        "flexible_mode__frequency": 30.0,
+        "dead_coils__place": 3.0,
+        "joint_step__place": 3.0,
+        "auxiliary_wheels__stiffness": 1e3,
+        "auxiliary_wheels__height": 6e-3,
+        "auxiliary_wheels__damping": 100.0,
     }
     times = np.linspace(0, 0.6, 61)
     start = [0, 0.002, -0.0045, 0.002, 18.0, 0, 0, 0]

@@ -11,7 +11,8 @@ quantity of the same name). Its decorator says where the return value goes::
     def aerodynamic_drag(surge_rate, air_density, drag_area):
         return -0.5 * air_density * drag_area * surge_rate * abs(surge_rate)
 
-It must be something numba can compile: arithmetic, ``math`` functions, ``if``. The same function runs in the node,
+One that adds and changes returns first what it adds. What needs the sum of all forces stands in a second function, ``then=``
+(see `flexible_mode`). It must be something numba can compile: arithmetic, ``math`` functions, ``if``. The same function runs in the node,
 offline, in fits and in the diagnosis.
 """
 
@@ -21,6 +22,7 @@ import functools
 import hashlib
 import importlib
 import inspect
+import math
 import os
 import pkgutil
 import sys
@@ -29,13 +31,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from ..errors import InputError, did_you_mean
 from ..parameters import Parameter
 from ..state import CHANNELS
 
-__all__ = ["Effect", "Parameter", "catalogue", "effect", "load_effects"]
+__all__ = ["Effect", "Parameter", "Part", "catalogue", "effect", "load_effects"]
 
 #: What an effect may add to (paper frame: surge z, sway x, heave y, roll about z).
 FORCES = ("force_surge", "force_sway", "force_heave", "moment_roll")
@@ -46,33 +46,67 @@ READINGS_OF = tuple(f"measured_{c}" for c in CHANNELS)
 
 
 @dataclass(frozen=True)
-class Effect:
-    """One effect: its function, where its result goes, its parameters and states.
+class Part:
+    """One function of an effect: what it ``adds`` to and what it ``changes``, of which it returns so many numbers in this order."""
 
-    ``states`` maps each state the effect carries to the quantity whose value (without the effect) it starts on; the
-    function then returns, after what it adds or changes, the states' time derivatives. ``max_step`` (s) bounds the
+    function: Callable
+    adds: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """What it acts on, in the order in which it returns it."""
+        return self.adds + self.changes
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of what the function needs."""
+        return tuple(inspect.signature(self.function).parameters)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect: its functions, where their results go, its parameters and states.
+
+    ``parts`` are one function, or two where what the second needs is known only after the first has acted. ``states`` maps
+    each state the effect carries to what it starts on: a number, or the quantity whose value (without such effects) it takes;
+    the last function then returns, after what it adds or changes, the states' time derivatives. ``max_step`` (s) bounds the
     integration step while the effect is on, and a tenth of the parameter named by ``max_travel`` (m), over which the
     effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged`` or the ``pulses`` drive;
-    ``canonical`` picks one of the parameter sets that do the same; ``starts`` says from what a sensor read (n,) where its
-    parameters may be sought, for an effect that shows to no order where it vanishes;
+    ``canonical`` picks one of the parameter sets that do the same; ``starts`` says where its parameters may be sought, for an
+    effect that where it vanishes does not show what its other parameters are: for a sensor's from what it read (n,), for one of
+    the cradle from the range (low, high) that each of the runs' variables covers (`estimation.response.VARIABLES` and the gaps);
     ``conditions`` are numbers of a run that the function takes (a campaign gives them), with the values they have
     where a run does not say;
     ``of_sensor`` marks the effect of a sensor, ``of_channel`` one of one channel, used as ``name:channel``.
     """
 
     name: str
-    function: Callable
-    targets: tuple[str, ...]
-    replaces: bool
+    parts: tuple[Part, ...]
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
-    states: Mapping[str, str] = field(default_factory=dict)
+    states: Mapping[str, str | float] = field(default_factory=dict)
     max_step: float = 1.0
     max_travel: str = ""
     only: str = ""
     screened: bool = True
     canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None
-    starts: Callable[[np.ndarray], list[dict[str, float]]] | None = None
+    starts: Callable[[object], list[dict[str, float]]] | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def function(self) -> Callable:
+        """The first function, the one that bears the effect's name."""
+        return self.parts[0].function
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Everything it acts on."""
+        return tuple(t for part in self.parts for t in part.targets)
+
+    @property
+    def replaces(self) -> bool:
+        """Whether it does nothing but change quantities."""
+        return not any(part.adds for part in self.parts)
 
     @property
     def of_channel(self) -> bool:
@@ -96,8 +130,8 @@ class Effect:
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """Names of what the function needs."""
-        return tuple(inspect.signature(self.function).parameters)
+        """Names of what its functions need."""
+        return tuple(dict.fromkeys(a for part in self.parts for a in part.arguments))
 
 
 def effect(
@@ -105,49 +139,69 @@ def effect(
     adds: str | tuple[str, ...] = (),
     changes: str | tuple[str, ...] = (),
     parameters: Mapping[str, Parameter] | None = None,
-    states: Mapping[str, str] | None = None,
-    max_step: float = 1.0,
-    max_travel: str = "",
-    only: str = "",
-    screened: bool = True,
-    canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None,
-    starts: Callable[[np.ndarray], list[dict[str, float]]] | None = None,
-    conditions: Mapping[str, float] | None = None,
+    states: Mapping[str, str | float] | None = None,
+    then: Part | None = None,
+    **further: object,
 ) -> Callable[[Callable], Effect]:
-    """Declare the decorated function an effect that ``adds`` to forces or ``changes`` quantities of the equations.
+    """Declare the decorated function an effect that ``adds`` to forces and ``changes`` quantities of the equations.
 
-    ``screened=False`` keeps it out of the diagnosis's ranking. ``canonical`` picks one of the parameter sets that do the same. ``conditions`` are numbers of a run, by name, with their defaults. Raises `InputError` where the declaration does not fit.
+    It returns what it adds, what it changes and the rates of its ``states``, in this order; with ``then``, a function that is
+    called when all forces are known, that one returns the rates. ``further`` are the other fields of `Effect`: ``max_step``,
+    ``max_travel``, ``only``, ``screened`` (False keeps it out of the diagnosis's ranking), ``canonical``, ``starts``, ``conditions``.
+    Raises `InputError` where the declaration does not fit.
     """
 
     def declare(function: Callable) -> Effect:
         name = function.__name__
-        if bool(adds) == bool(changes):
-            raise InputError(f"effect '{name}': say either adds=… (a force) or changes=… (a quantity)")
-        targets = adds or changes
-        targets = (targets,) if isinstance(targets, str) else tuple(targets)
-        if adds and (wrong := [t for t in targets if t not in FORCES]):
-            raise InputError(f"effect '{name}' adds to '{wrong[0]}'; an effect may add to {', '.join(FORCES)}")
-        _check_sensor(name, targets, states or {})
-        arguments = inspect.signature(function).parameters
-        if odd := [a.name for a in arguments.values() if a.kind is not a.POSITIONAL_OR_KEYWORD]:
-            raise InputError(f"effect '{name}': '{odd[0]}' is not a plain argument; name each quantity it needs")
-        own = dict(parameters or {})
-        if odd := [p for p, declared in own.items() if not isinstance(declared, Parameter)]:
-            raise InputError(
-                f"effect '{name}': declare '{odd[0]}' as Parameter(default, unit, low, high, meaning), not {own[odd[0]]!r}"
-            )
-        for kind, names in (("parameter", own), ("state", states or {}), ("condition", conditions or {})):
-            if unused := [n for n in names if n not in arguments]:
-                raise InputError(f"effect '{name}' declares {kind} '{unused[0]}' but its function does not take it")
-        if max_travel and max_travel not in own:
-            raise InputError(f"effect '{name}': max_travel = '{max_travel}' is not one of its parameters")
-        return Effect(name, function, targets, bool(changes), own, dict(states or {}), max_step, max_travel, only, screened, canonical, starts, dict(conditions or {}))
+        if unknown := [k for k in further if k not in _FURTHER]:
+            raise InputError(f"effect '{name}': @effect takes no '{unknown[0]}'{did_you_mean(unknown[0], _FURTHER)}")
+        parts = (Part(function, _names(adds), _names(changes)), *([then] if then else []))
+        item = Effect(name, parts, dict(parameters or {}), dict(states or {}), **{k: v for k, v in further.items() if v is not None})
+        for part in parts:
+            _check_part(name, part)
+        _check_sensor(item)
+        _check_declared(item)
+        return item
 
     return declare
 
 
-def _check_sensor(name: str, targets: tuple[str, ...], states: Mapping[str, str]) -> None:
+_FURTHER = ("max_step", "max_travel", "only", "screened", "canonical", "starts", "conditions")
+
+
+def _names(given: str | Iterable[str]) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else tuple(given)
+
+
+def _check_part(name: str, part: Part) -> None:
+    if not part.targets:
+        raise InputError(f"effect '{name}': say adds=… (a force), changes=… (a quantity) or both")
+    if wrong := [t for t in part.adds if t not in FORCES]:
+        raise InputError(f"effect '{name}' adds to '{wrong[0]}'; an effect may add to {', '.join(FORCES)}")
+    arguments = inspect.signature(part.function).parameters
+    if odd := [a.name for a in arguments.values() if a.kind is not a.POSITIONAL_OR_KEYWORD]:
+        raise InputError(f"effect '{name}': '{odd[0]}' is not a plain argument; name each quantity it needs")
+
+
+def _check_declared(item: Effect) -> None:
+    name = item.name
+    if odd := [p for p, declared in item.parameters.items() if not isinstance(declared, Parameter)]:
+        raise InputError(
+            f"effect '{name}': declare '{odd[0]}' as Parameter(default, unit, low, high, meaning), not {item.parameters[odd[0]]!r}"
+        )
+    for kind, names in (("parameter", item.parameters), ("state", item.states), ("condition", item.conditions)):
+        if unused := [n for n in names if n not in item.arguments]:
+            raise InputError(f"effect '{name}' declares {kind} '{unused[0]}' but its function does not take it")
+    for state, start in item.states.items():
+        if not isinstance(start, str) and (isinstance(start, bool) or not isinstance(start, (int, float)) or not math.isfinite(start)):
+            raise InputError(f"effect '{name}': the state '{state}' starts on {start!r}; give a number or the name of a quantity")
+    if item.max_travel and item.max_travel not in item.parameters:
+        raise InputError(f"effect '{name}': max_travel = '{item.max_travel}' is not one of its parameters")
+
+
+def _check_sensor(item: Effect) -> None:
     """Raise `InputError` where an effect of a sensor does what those may not."""
+    name, targets, states = item.name, item.targets, item.states
     if not any(t in (*READINGS, *READINGS_OF) for t in targets):
         return
     several = all(t in READINGS_OF for t in targets)

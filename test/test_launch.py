@@ -1,0 +1,209 @@
+"""The launch file: what it starts, by its plan; where `launch` is there, the real thing with real nodes."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+from conftest import BIN, wait_until
+
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.data.bags import read_bag
+from inductrack_ros.nodes.launching import ARGUMENTS, Started, plan, rviz_configuration
+
+ROOT = Path(__file__).parents[1]
+PULSES = {"/**/sim": {"drive": "pulses", "initial_state": "surge_rate=20.0", "track_frame": "rail"}}
+
+
+def planned(namespace: str = "/inductrack", **given: str) -> dict[str, Started]:
+    default = {name: one.default for name, one in ARGUMENTS.items()} | {"params_file": str(ROOT / "config/default.yaml")}
+    return {one.executable: one for one in plan(default | given, namespace)}
+
+
+@pytest.fixture
+def pulses_file(tmp_path) -> str:
+    path = tmp_path / "pulses.yaml"
+    path.write_text(yaml.safe_dump({name: {"ros__parameters": values} for name, values in PULSES.items()}))
+    return str(path)
+
+
+# ---- what is decided ------------------------------------------------------------------------------------------------
+
+
+def test_alone_the_simulator_starts_as_its_file_says():
+    assert planned() == {"sim": Started("sim")}
+
+
+def test_an_argument_left_empty_leaves_the_matter_to_the_file(pulses_file):
+    """A default of the launch file once overrode the file: a model with pulses ran averaged."""
+    found = planned(params_file=pulses_file)
+    assert found["sim"].parameters == {} and "track_controller" in found
+    assert planned(params_file=pulses_file, drive="averaged").keys() == {"sim"}
+    assert "track_controller" not in planned(params_file=pulses_file, controller="false")
+    assert planned(params_file=pulses_file, monitor="true")["monitor"].parameters == {"drive": "pulses"}
+
+
+def test_time_begins_once_the_recorder_listens(tmp_path):
+    assert planned(bag="run")["sim"].parameters["listeners"] == 1
+    with_controller = planned(bag="run", drive="pulses")
+    assert with_controller["sim"].parameters["listeners"] == 2
+    assert with_controller["record"].arguments == ("--output=run",)
+    path = tmp_path / "three.yaml"
+    path.write_text("listeners: 3")
+    assert planned(bag="run", params_file=str(path))["sim"].parameters["listeners"] == 3
+
+
+def test_both_ends_of_lockstep_are_told(tmp_path):
+    path = tmp_path / "lockstep.yaml"
+    path.write_text("/**/sim: {ros__parameters: {lockstep: true, drive: pulses}}")
+    assert planned(params_file=str(path))["track_controller"].parameters == {"lockstep": True}
+    assert planned(drive="pulses", lockstep="true")["sim"].parameters == {"drive": "pulses", "lockstep": True}
+
+
+def test_who_asks_for_simulated_time_gets_a_clock():
+    found = planned(use_sim_time="true", drive="pulses")
+    assert found["sim"].parameters["publish_clock"] is True and found["track_controller"].parameters["use_sim_time"] is True
+    assert planned(use_sim_time="true", publish_clock="false")["sim"].parameters["publish_clock"] is False
+
+
+def test_what_the_rig_needs_ends_the_launch_when_it_ends():
+    found = planned(drive="pulses", bag="run", monitor="true")
+    assert {name for name, one in found.items() if one.needed} == {"sim", "track_controller", "record"}
+
+
+def test_a_file_that_cannot_be_read_is_refused():
+    with pytest.raises(InputError, match="none.yaml: no such file"):
+        planned(params_file="none.yaml")
+
+
+def test_rviz_shows_the_topics_and_frames_of_its_rig(pulses_file):
+    text = (ROOT / "rviz/forces.rviz").read_text()
+    made = rviz_configuration(text, "/rig", {"params_file": pulses_file, "frame_prefix": "rig/"})
+    manager = yaml.safe_load(made)["Visualization Manager"]
+    assert manager["Global Options"]["Fixed Frame"] == "rig/rail"
+    assert manager["Views"]["Current"]["Target Frame"] == "rig/cradle"
+    assert {d["Topic"]["Value"].rpartition("rig/")[0] for d in manager["Displays"]} == {"/"}
+
+
+def test_no_text_of_a_user_is_evaluated():
+    assert "PythonExpression" not in (ROOT / "launch/inductrack.launch.py").read_text()
+
+
+# ---- the real launch ------------------------------------------------------------------------------------------------
+
+LAUNCHER = """
+import sys
+from launch import LaunchService
+from launch.actions import GroupAction, IncludeLaunchDescription
+from launch.launch_description_sources import AnyLaunchDescriptionSource
+
+file, *rigs = sys.argv[1:]
+service = LaunchService()
+for rig in rigs or [""]:
+    arguments = [tuple(word.split(":=")) for word in rig.split()]
+    included = IncludeLaunchDescription(AnyLaunchDescriptionSource(file), launch_arguments=arguments)
+    service.include_launch_description(GroupAction([included]))
+sys.exit(service.run())
+"""
+
+
+@pytest.fixture
+def launched(ros, monkeypatch):
+    """Starts the file once for each rig, whose arguments stand in one text; the package is found as after colcon."""
+    if importlib.util.find_spec("launch_ros") is None:
+        pytest.skip("launch_ros comes with a ROS 2 distribution and not as a wheel")
+    prefix = ros.folder / "prefix"
+    share = prefix / "share" / "inductrack_ros"
+    for folder in ("share/ament_index/resource_index/packages", "share/inductrack_ros", "lib"):
+        (prefix / folder).mkdir(parents=True)
+    (prefix / "share/ament_index/resource_index/packages/inductrack_ros").touch()
+    for name in ("config", "rviz", "launch"):
+        (share / name).symlink_to(ROOT / name)
+    (prefix / "lib/inductrack_ros").symlink_to(BIN)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{prefix}{os.pathsep}{os.environ.get('AMENT_PREFIX_PATH', '')}")
+    script = ros.folder / "launcher.py"
+    script.write_text(LAUNCHER)
+    launches = []
+
+    def begin(*rigs: str):
+        launches.append(ros.start(str(script), str(share / "launch/inductrack.launch.py"), *rigs))
+        return launches[-1]
+
+    yield begin
+    for launch in launches:
+        launch.stop()  # and with it all that it started
+
+
+def processes(launch) -> dict[str, int]:
+    """Process ids of what was started."""
+    return {name: int(pid) for name, pid in re.findall(r"\[(\w+)-\d+\]: process started with pid \[(\d+)\]", launch.output)}
+
+
+def gone(pids) -> bool:
+    return not any(Path("/proc", str(pid)).exists() for pid in pids)
+
+
+def test_a_bag_holds_the_run_from_its_first_message(ros, launched, pulses_file):
+    launch = launched(f"params_file:={pulses_file} namespace:=/rig bag:=run")
+    ros.wait(lambda: list((ros.folder / "run").glob("*.mcap")), "something in the bag")
+    assert processes(launch).keys() == {"track_controller", "record", "sim"}
+    assert launch.stop() == 0 and gone(processes(launch).values())
+    assert launch.output.count("process has finished cleanly") == 3, launch.output
+    run = read_bag(ros.folder / "run", {"pose": "/rig/pose", "twist": "/rig/twist", "pulses": "/rig/fired_pulses"})
+    first = dict(zip(run.channels, run.values[0], strict=True))
+    assert first["surge"] == 0.0 and first["surge_rate"] == 20.0
+
+
+@pytest.mark.parametrize(
+    "arguments, said",
+    [
+        ("monitor:=yes", "Argument \"monitor\" provided value \"yes\" is not valid"),
+        ("namespace:=it's", "namespace:=it's: Invalid namespace"),
+        ("params_file:=none.yaml", "none.yaml: no such file"),
+        ("rviz:=true", "rviz2 is not installed"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_before_anything_starts(launched, arguments, said):
+    """The simulator once stayed behind as an orphan."""
+    if arguments.startswith("rviz") and importlib.util.find_spec("rviz2"):
+        pytest.skip("rviz2 is installed")
+    launch = launched(arguments)
+    assert launch.wait() == 1
+    assert said in launch.output and not processes(launch)
+
+
+@pytest.mark.parametrize("dies", ["sim", "record"])
+def test_a_rig_without_one_of_its_parts_ends(ros, launched, dies):
+    launch = launched("drive:=pulses bag:=run")
+    launch.wait_for("recording into")
+    wait_until(lambda: len(processes(launch)) == 3, "three processes")
+    os.kill(processes(launch)[dies], signal.SIGKILL)
+    launch.wait()
+    assert gone(processes(launch).values()) and "was required" in launch.output
+
+
+def test_ctrl_c_reaches_a_node_twice_and_it_ends_clean(launched):
+    """A terminal tells the nodes, and launch tells them again, while their interpreters exit."""
+    launch = launched("drive:=pulses monitor:=true")
+    wait_until(lambda: len(processes(launch)) == 3, "three processes")
+    wait_until(lambda: launch.output.count("stays on this machine") == 3, "three nodes that run")
+    for pid in processes(launch).values():
+        os.kill(pid, signal.SIGINT)
+    assert launch.stop() == 0
+    assert launch.output.count("process has finished cleanly") == 3, launch.output
+
+
+def test_two_rigs_in_one_domain_have_their_own_topics_and_frames(ros, launched):
+    from geometry_msgs.msg import PoseStamped
+
+    names = ("rig1", "rig2")
+    launch = launched(*(f"namespace:={name} frame_prefix:={name}/ initial_state:=surge_rate={speed}" for name, speed in zip(names, (17, 25), strict=True)))
+    heard = {name: ros.listen(PoseStamped, f"/{name}/pose") for name in names}
+    ros.wait(lambda: all(heard.values()), "poses of both rigs")
+    assert {name: {m.header.frame_id for m in poses} for name, poses in heard.items()} == {n: {f"{n}/track"} for n in names}
+    assert launch.stop() == 0
