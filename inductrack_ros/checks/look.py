@@ -33,9 +33,10 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     touch = None if model is None else Touch.of(model)
     found = clocks(campaign)
     campaign = set_aside(campaign, found)
-    for once in (lambda: fillers(campaign, touch), lambda: held(campaign)):
-        found += (off := once())
-        campaign = set_aside(campaign, off)
+    found += (fill := fillers(campaign, touch))
+    campaign = set_aside(campaign, fill)
+    found += (stuck := held(campaign))
+    campaign = set_aside(campaign, stuck)
     channels = channels_of(campaign)
     found += (off := outliers(campaign, channels, touch))
     campaign = set_aside(campaign, off)
