@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..core.state import INDEX
-from ..estimation import shooting
 from ..estimation.problem import Problem, RunData
 from ..estimation.processes import RUN_TO_RUN, STATES
-from ..estimation.shooting import Fit, Point, fit, linearise_all, settle
+from ..estimation.shooting import Fit, Point, fit, linearise_all, outputs_of, settle
 from ..estimation.structure import Structure
 from .result import RunTraces, Step
 from .settings import REFIT_STEPS
@@ -108,8 +107,7 @@ def where_won(problem: Problem, before: Fit, after: Fit, sigma: np.ndarray) -> d
 
 def _gaps(problem: Problem, f: Fit, i: int) -> np.ndarray:
     """The smallest gap (n,) along a run, m."""
-    outputs, _ = shooting.pieces(problem, f.structure, i, f.theta[None], np.zeros((1, f.paths[i].shape[1])), f.paths[i])
-    return np.nan_to_num(outputs[:, 0, 8:11]).min(axis=1)
+    return np.nan_to_num(outputs_of(problem, f, i)[:, 8:11]).min(axis=1)
 
 
 def traces_of(problem: Problem, fits: Mapping[tuple[str, ...], Fit]) -> tuple[RunTraces, ...]:

@@ -16,8 +16,9 @@ from ..estimation.kalman import LinearRun
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.shooting import ANEW, FIRST_POWER, NO_POWER, Fit, Point, fit, linearise_all, weigh
+from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
-from . import background
+from . import background, placed
 from .screening import Candidate, CandidateSet, Law, Screening, names, screen
 from .settings import LEVEL, LOOK_STEPS, NEAR, REFIT_STEPS, REFITTED, SHAKEN, TWINS
 
@@ -106,7 +107,7 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
     for member in found.members:
         structure = structure.plus(member.name, member.start)
         begin = structure.start[len(theta) :]
-        step = np.zeros(len(begin)) if member.start else found.sizes[member.label][: len(begin)]
+        step = _first_step(structure, member, found.sizes[member.label], len(begin))
         theta = np.clip(np.concatenate([theta, begin + step]), *structure.bounds)
         if not state.fit.model.carries_states and structure.model.carries_states:
             paths = tuple(problem.for_runs(lambda i, s=structure, p=paths: columns.carried(problem, s, i, p[i])))
@@ -116,6 +117,18 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
     price = state.price + sum(m.price(family) for m in found.members)
     grown = replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
     return grown.told(f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})")
+
+
+def _first_step(structure: Structure, member: Candidate, sizes: np.ndarray, count: int) -> np.ndarray:
+    """How far the parameters (count,) of a new effect are expected from where they start."""
+    if not member.start:
+        return sizes[:count]
+    own = [n.rpartition(".")[2] for n in structure.free[len(structure.free) - count :]]
+    step = np.zeros(count)
+    for name, size in zip(member.sized, sizes, strict=False):
+        if name in own:
+            step[own.index(name)] = np.clip(size, -placed.LARGEST, placed.LARGEST)
+    return step
 
 
 def settled(task: Task, state: State) -> State:
@@ -161,7 +174,7 @@ def surely_needed(task: Task, state: State, name: str) -> bool:
     """Whether the deviance without an effect would to first order rise by far more than the effect costs (Wald)."""
     f = state.fit
     mine = [k for k, n in enumerate(f.structure.free) if n.rpartition(".")[0] == name]
-    if not mine or name.startswith("stand_in"):
+    if len(mine) != 1:  # of several parameters most say where an effect is, not whether
         return False
     vanishing = f.structure.minus(name).plus(name)
     away = f.theta[mine] - vanishing.start[[vanishing.free.index(f.structure.free[k]) for k in mine]]
@@ -178,12 +191,12 @@ def _share(task: Task, state: State, name: str) -> float:
 
 
 def rivals(task: Task, state: State, name: str) -> list[State]:
-    """States with another known effect in the place of one, refitted where they come near; cheapest first."""
+    """States with another known effect in the place of one, or the same from another start, refitted where they come near; cheapest first."""
     task.say(f"what could stand in the place of {name}")
     problem, smaller = task.problem, without(task, state, name, ANEW)
     systems = linearise_all(problem, smaller.fit)
     screening = screen(problem, smaller.fit, systems, background.backgrounds(problem, smaller.fit, task.given, systems))
-    own = [s for s in screening.sets if len(s.members) == 1 and s.members[0].name != name]
+    own = [s for s in screening.sets if len(s.members) == 1 and (s.members[0].name != name or s.members[0].start)]
     reach = state.fit.deviance + NEAR
     near = [s for s in own if s.deviance < reach][:REFITTED]
     tried = [refitted(task, smaller, s, screening.family) for s in near]

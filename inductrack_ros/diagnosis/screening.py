@@ -17,8 +17,9 @@ from ..estimation.kalman import Columns, LinearRun, run_filter
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.scores import Background, Scores, scores, widened
-from ..estimation.shooting import NO_POWER, Fit, acting, force_columns, histories
+from ..estimation.shooting import NO_POWER, Fit, acting, force_columns, histories, outputs_of
 from ..estimation.structure import Structure
+from . import placed
 from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, LEVEL, MEDIUM
 from .smooth import Smooth, smoothest_of
 
@@ -37,6 +38,7 @@ class Candidate:
     start: Mapping[str, float] = field(default_factory=dict)
     parameters: int = 1
     tries: int = 1
+    sized: tuple[str, ...] = ()  # beside a start that leaves the size open, the parameter that each column is of
 
     def price(self, family: int) -> float:
         """Fall of the deviance that chance reaches in `LEVEL` of campaigns with ``family`` candidates."""
@@ -80,14 +82,18 @@ def names(problem: Problem, structure: Structure) -> list[str]:
 
 def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background], wavy: bool = True) -> Screening:
     """Every candidate and every small set of them at a fit, beside each of the backgrounds; ``wavy``: waves of the track too."""
-    wanted = [n for n in names(problem, fit.structure) if n != WAVES]
     known = fit.model.known_effects
+    somewhere = [n for n in names(problem, fit.structure) if placed.is_placed(known[n.partition(":")[0]])]
+    wanted = [n for n in names(problem, fit.structure) if n not in (WAVES, *somewhere)]
     parameters = {n: known[n.partition(":")[0]].parameters for n in wanted}
     candidates = {n: Candidate(n, n, {}, len(parameters[n])) for n in wanted}
     parts = columns.of_parameters(problem, fit, {n: {} for n in wanted if parameters[n]})
     parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not parameters[n]}
     if wavy and WAVES in names(problem, fit.structure):
         for candidate, part in _waves(problem, fit, systems):
+            candidates[candidate.label], parts[candidate.label] = candidate, part
+    for name in somewhere:
+        for candidate, part in _placed(problem, fit, systems, name):
             candidates[candidate.label], parts[candidate.label] = candidate, part
     found = scores(problem, fit, parts, systems, backgrounds)
     return Screening(candidates, found, _sets(candidates, found))
@@ -110,6 +116,34 @@ def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[Candidate
         pairs = (p for p in combinations(best, size) if len({candidates[n].name for n in p}) == size)
         sets += [of(p) for p in pairs]
     return tuple(sorted(sets, key=lambda s: s.cost))
+
+
+# ---------------------------------------------------------------- effects at a place
+
+
+def _placed(problem: Problem, fit: Fit, systems: Sequence[LinearRun], name: str) -> list[tuple[Candidate, list[Columns]]]:
+    """An effect at the best few of the starts that it declares: where, or how fast, it shows nothing of while it vanishes."""
+    item = fit.model.known_effects[name]
+    seen = [outputs_of(problem, fit, i) for i in range(len(problem.runs))]
+    asked = placed.tried(item, placed.ranges(seen))
+    plain = Structure(fit.model, ())
+    wide, thetas = placed.thetas(plain, np.empty(0), name, asked)
+    steps = np.array([row[3] for row in asked.rows])
+
+    def one(i: int) -> Columns:
+        path = columns.carried(problem, wide, i, fit.paths[i]) if item.states else fit.paths[i]
+        return columns.differences(problem, wide, i, path, thetas, steps, fit.model.active_states)
+
+    every = problem.for_runs(one)
+    wanted = {str(k): [Columns(c.inputs[:, :, asked.of(k)], c.data[:, asked.of(k)]) for c in every] for k in range(len(asked.starts))}
+    told = scores(problem, fit, wanted, systems)
+    best = sorted(wanted, key=lambda k: told.expected([k]).deviance)[:WAVE_STARTS]
+    found = []
+    for k in best:
+        own = tuple(asked.rows[r][1] for r in asked.of(int(k)))
+        start = {p: float(v) for p, v in asked.starts[int(k)].items()}
+        found.append((Candidate(f"{name}@{k}", name, start, len(item.parameters), len(asked.starts), own), wanted[k]))
+    return found
 
 
 # ---------------------------------------------------------------- waves of the track

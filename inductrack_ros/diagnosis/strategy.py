@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ..estimation.shooting import linearise_all
+from ..estimation.shooting import TOLERANCE, linearise_all
 from . import background
 from .moves import (
     OutOfTime,
@@ -46,7 +46,7 @@ def _repeated(task: Task, state: State, name: str, stage: Stage) -> State:
     for _ in range(ROUNDS):
         task.say(name)
         before, state = state, stage(task, state)
-        if state.added == before.added:
+        if state.fit is before.fit or stage is not exchange and state.added == before.added:
             break
     return state
 
@@ -114,7 +114,8 @@ def prune(task: Task, state: State) -> State:
     for name in [n for n in reversed(state.added) if not surely_needed(task, state, n)]:
         smaller = without(task, state, name)
         if smaller.cost(task) < state.cost(task):
-            return prune(task, smaller.told(f"{name} is not needed"))
+            twins = {n: t for n, t in smaller.twins.items() if n != name}
+            return prune(task, replace(smaller, twins=twins).told(f"{name} is not needed"))
     return state
 
 
@@ -126,9 +127,9 @@ def exchange(task: Task, state: State) -> State:
     twins, fits = {}, {}
     for name in [n for n in state.added if not n.startswith("stand_in")]:
         others = rivals(task, state, name)
-        if others and others[0].cost(task) < state.cost(task) and not state.stands_in:
+        if others and others[0].cost(task) < state.cost(task) - TOLERANCE and not state.stands_in:
             return others[0].told(f"{others[0].added[-1]} instead of {name}")
-        close = [o for o in others if o.fit.deviance < state.fit.deviance + TWINS]
+        close = [o for o in others if o.added[-1] != name and o.fit.deviance < state.fit.deviance + TWINS]
         twins[name] = tuple(o.added[-1] for o in close)
         fits |= {o.added[-1]: o.fit for o in close}
     return replace(state, twins={n: t for n, t in twins.items() if t}, rival_fits=fits)
@@ -139,4 +140,5 @@ STAGES: tuple[tuple[str, Stage], ...] = (
     ("a force of any shape", add_unknown),
     ("what is not needed", prune),
     ("what explains more in another's place", exchange),
+    ("what is not needed", prune),
 )

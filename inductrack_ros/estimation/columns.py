@@ -28,7 +28,7 @@ def of_parameters(problem: Problem, fit: Fit, effects: Mapping[str, Mapping[str,
         high = wide.bounds[1]
         steps = np.where(theta + THETA_STEP <= high, THETA_STEP, -THETA_STEP)
         thetas = np.vstack([theta, theta + np.diag(steps)])
-        return _differences(problem, wide, i, fit.paths[i], thetas, steps, fit.model.active_states)
+        return differences(problem, wide, i, fit.paths[i], thetas, steps, fit.model.active_states)
 
     runs = problem.for_runs(one)
     found = {}
@@ -38,7 +38,7 @@ def of_parameters(problem: Problem, fit: Fit, effects: Mapping[str, Mapping[str,
     return found
 
 
-def _differences(
+def differences(
     problem: Problem, structure: Structure, i: int, path: np.ndarray, thetas: np.ndarray, steps: np.ndarray, active: np.ndarray
 ) -> Columns:
     """Changes of a run's pieces and readings from the first row of thetas (1 + p, g) to each other one, over its step (p,)."""

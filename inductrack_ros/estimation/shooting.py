@@ -260,6 +260,11 @@ def pieces(
     return outputs, ends
 
 
+def outputs_of(problem: Problem, fit: Fit, i: int) -> np.ndarray:
+    """Outputs (n, 15) at the nodes of a fit's run i."""
+    return pieces(problem, fit.structure, i, fit.theta[None], np.zeros((1, fit.paths[i].shape[1])), fit.paths[i])[0][:, 0]
+
+
 def read(problem: Problem, structure: Structure, i: int, outputs: np.ndarray, thetas: np.ndarray) -> np.ndarray:
     """What the sensors read, (jobs, m), from the nodes' outputs (n, jobs, 15)."""
     return problem.predict(structure, i, thetas, np.ascontiguousarray(outputs.transpose(1, 0, 2)))
