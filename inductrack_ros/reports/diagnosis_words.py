@@ -37,9 +37,9 @@ def verdict(result: Diagnosis) -> str:
         why = "Interrupted" if result.interrupted else "Out of time"
         return f"{why} while searching. Best found until then: {listed(found) or 'nothing yet'}."
     if result.verdict == "adequate":
-        return "Nothing detectable is missing: what the model leaves is the sensors' noise."
+        return f"Nothing detectable is missing: what the model leaves is the sensors' noise{_besides(result)}."
     if result.verdict == "missing_effect":
-        return f"Missing: {listed(found)}. With {'it' if len(found) == 1 else 'them'}, what is left is noise."
+        return f"Missing: {listed(found)}. With {'it' if len(found) == 1 else 'them'}, what is left is noise{_besides(result)}."
     missing = f"Missing: {listed(found)}. "
     if result.unknown is None:
         return f"{missing if found else ''}Something {'more ' if found else ''}is missing that no known effect explains."
@@ -47,6 +47,14 @@ def verdict(result: Diagnosis) -> str:
     depends = listed([DEPENDS[d][0] for d in on])
     force = f"{what}{f' that depends on {depends}' if depends else ''}{_peak(result.unknown)}"
     return f"{missing}Besides, {force}, which no known effect explains." if found else f"No known effect explains {force}."
+
+
+def _besides(result: Diagnosis) -> str:
+    """What an answer leaves besides noise, by its findings."""
+    kinds = {f.kind for f in result.findings}
+    words = {"shaken": "what shakes the cradle", "run_to_run": "what differs from run to run", "bad_run": "one run that does not belong"}
+    named = [text for kind, text in words.items() if kind in kinds]
+    return f" and {listed(named)}" if named else ""
 
 
 def addition(result: Diagnosis) -> str:
