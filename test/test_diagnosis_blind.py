@@ -57,6 +57,7 @@ def test_a_force_of_the_speed_that_looks_straight_at_first():
     assert row["found_unknown"] == ["sway", ["surge_rate"]]
 
 
+@pytest.mark.xfail(strict=True, reason="touching runs: the elastic frame and other late candidates stand beside the force of two variables")
 def test_a_thrust_that_changes_along_the_track():
     """A force of two variables: where nothing drives it is not there, and it grows with the thrust."""
     row = run(18423, None)

@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..checks import Finding, admit
+from ..checks import set_aside as without
 from ..core.errors import InputError
 from ..core.model import Model
 from ..data.campaign import Campaign
@@ -20,7 +21,7 @@ from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import answer, background, deterministic, errors, support
 from .experiment import propose
-from .findings import findings, hidden_by
+from .findings import findings, hidden_by, outlying
 from .moves import State, Task, shaken
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
 from .settings import FIRST_STEPS, UNDETERMINED
@@ -51,6 +52,9 @@ def diagnose(
     notes = support.inspect(campaign)
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model, seen)
+    if spikes := outlying(problem, base):
+        campaign, seen = without(campaign, spikes), (*seen, *spikes)
+        problem, base, undetermined = base_fit(campaign, model, seen)
     notes += support.undetermined(undetermined, base)
     task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
     state = add_background(task, State(base))
