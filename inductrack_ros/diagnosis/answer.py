@@ -10,7 +10,8 @@ import numpy as np
 from scipy import stats
 
 from ..core.effects.stand_in import VARIABLES, basis
-from ..estimation.shooting import Fit, fit, linearise_all
+from ..estimation import fit as deterministic
+from ..estimation.shooting import ANEW, Fit, fit, linearise_all
 from . import background
 from .moves import State, Task, without
 from .result import Limit, Rival, Test, Unknown
@@ -38,7 +39,7 @@ def subsets(task: Task, state: State, base: Fit) -> dict[tuple[str, ...], Fit]:
         for kept in combinations(state.added, size):
             smaller = state
             for name in [n for n in state.added if n not in kept]:
-                smaller = without(task, smaller, name, 1e-4)
+                smaller = without(task, smaller, name, ANEW)
             found[kept] = smaller.fit
     return found
 
@@ -74,7 +75,7 @@ def rivals_of(state: State, where: Mapping[str, Mapping[str, Mapping[str, float]
     return tuple(found)
 
 
-def limits_of(task: Task, state: State, screening: Screening) -> tuple[Limit, ...]:
+def limits_of(state: State, screening: Screening) -> tuple[Limit, ...]:
     """The smallest size of each effect with a size of its own that would have been found in `POWER` of such campaigns."""
     structure, found = state.fit.structure, []
     for label, candidate in screening.candidates.items():
@@ -114,9 +115,11 @@ def tests_of(screening: Screening) -> tuple[tuple[Test, ...], float]:
 def unknown_of(state: State) -> Unknown | None:
     """The curve of the force of any shape in an answer, with its 95 % band; None where there is none."""
     name = next((n for n in state.added if n.startswith("stand_in")), None)
-    if name is None:
-        return None
-    f = state.fit
+    return None if name is None else curve_of(state.fit, name)
+
+
+def curve_of(f: Fit | deterministic.Fit, name: str) -> Unknown:
+    """The curve of a fit's stand-in over its table, with its 95 % band."""
     table, mine = f.model.effects[name], f.structure.tables[name]
     count = int(table["knots"])
     u = table["start"] + np.linspace(0, count - 1, 400) * table["step"]

@@ -45,7 +45,7 @@ FEWEST_RUNS = 3
 #: Lags at which a memory of the noise shows, and the chance that a channel without one is suspected.
 LAGS, SUSPICION = (1, 2, 4, 8), 0.05
 #: Steps of a time in its logarithm, of a frequency in turns over a run, when it is looked for.
-TIME_STEP, TURN_STEP, LONGEST_STEP = 0.3, 0.1, 1.0
+TIME_STEP, TURN_STEP, LONGEST_STEP = 0.3, 0.1, 3.0
 
 
 def noise_of_rounding(hints: Sequence[Finding]) -> dict[str, float]:
@@ -54,7 +54,7 @@ def noise_of_rounding(hints: Sequence[Finding]) -> dict[str, float]:
     Rounding errors of neighbouring readings are alike where the coordinate moves by nearly a whole number of steps between them, so
     several tell little more than one. A likelihood of intervals in place of a Gaussian would make this needless.
     """
-    return {h.channel: float(np.sqrt(ALIKE / 12.0) * h.size["step"]) for h in hints if h.kind == "quantised"}
+    return {h.channel: float(np.sqrt(ALIKE / 12.0) * h.size["step"]) for h in hints if h.kind == ROUNDED}
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,15 @@ def processes_at_first(problem: Problem, given: Sequence[str], hints: Sequence[F
     return touch + rounded + tuple(Process(WHITE, c) for c in problem.channels if c not in given)
 
 
+def optional(p: Process, given: Sequence[str]) -> bool:
+    """Whether a process has to pay for itself; it does not where it is held, or is noise that is not ``given`` and has to be found."""
+    return p.kind not in HELD and not (p.kind == WHITE and p.on not in given)
+
+
 def price(problem: Problem, given: Sequence[str], processes: Sequence[Process]) -> float:
     """Fall of the deviance that chance reaches with these processes in `LEVEL` of campaigns, all that are tried counted."""
     family = len(problem.channels) * (FREEDOM[COLOURED] + FREEDOM[HUM] + FREEDOM[WHITE]) + 3
-    paid = [p for p in processes if p.kind not in HELD and not (p.kind == WHITE and p.on not in given)]
+    paid = [p for p in processes if optional(p, given)]
     return sum(float(stats.chi2.isf(LEVEL / family, FREEDOM[p.kind])) for p in paid)
 
 
@@ -119,7 +124,7 @@ def families(problem: Problem, f: Fit, plain: Sequence[LinearRun], hints: Sequen
     spacing = float(np.median(np.concatenate([np.diff(np.unique(d.time)) for d in problem.runs])))
     memory = {h.channel: h.size["correlation_time"] for h in hints if h.kind == COLOURED}
     hums = {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
-    rounded = {h.channel for h in hints if h.kind == "quantised"}
+    rounded = {h.channel for h in hints if h.kind == ROUNDED}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
     suspects = remembering(problem, f, plain) | set(memory)
     coloured = tuple(Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing)) for c in problem.channels if c in suspects and (COLOURED, c) not in have)
@@ -134,7 +139,7 @@ def families(problem: Problem, f: Fit, plain: Sequence[LinearRun], hints: Sequen
 def backgrounds(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[LinearRun]) -> list[Background]:
     """The fit's own background, and that without each kind of its processes, settled: physics may do what they seem to."""
     found = [Background(f.power, f.processes, price(problem, given, f.processes))]
-    for kind in dict.fromkeys(p.kind for p in f.processes if p.kind not in HELD and not (p.kind == WHITE and p.on not in given)):
+    for kind in dict.fromkeys(p.kind for p in f.processes if optional(p, given)):
         fewer = tuple(p for p in f.processes if p.kind != kind)
         s = settle(problem, f.structure, plain, Point(f.theta, f.paths, f.power, fewer), PASSES)
         found.append(Background(s.power, s.processes, price(problem, given, s.processes)))
@@ -153,7 +158,7 @@ def _tried(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence
 def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], tried: Tried) -> Tried:
     """Without each process that does not pay for itself."""
     for p in tried.settled.processes:
-        if p in f.processes or p.kind in HELD or (p.kind == WHITE and p.on not in given):
+        if p in f.processes or not optional(p, given):
             continue
         fewer = tuple(q for q in tried.settled.processes if (q.kind, q.on) != (p.kind, p.on))
         s = settle(problem, f.structure, plain, Point(f.theta, f.paths, tried.settled.power, fewer), PASSES)
@@ -192,7 +197,7 @@ def timed(problem: Problem, f: Fit) -> Fit:
         low, here, high = (_deviance(problem, f, plain, moved(by)) for by in (-step, 0.0, step))
         bend = low - 2 * here + high
         best = 0.5 * step * (low - high) / bend if bend > 0 else step * np.sign(low - high)
-        best = float(np.clip(best, -LONGEST_STEP * step * 3, LONGEST_STEP * step * 3))
+        best = float(np.clip(best, -LONGEST_STEP * step, LONGEST_STEP * step))
         if _deviance(problem, f, plain, moved(best)) < here:
             processes = moved(best)
     if processes == f.processes:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from ..core.effects.stand_in import basis
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.state import INDEX
@@ -23,7 +22,9 @@ from ..estimation.problem import Problem
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import support
+from .answer import curve_of
 from .candidates import WAVES, Screened
+from .errors import by_channel, column, left_out, rms
 from .experiment import propose
 from .gate import Gate
 from .moves import State
@@ -31,16 +32,12 @@ from .race import Trial
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
 from .search import Search
 from .seek import CLOSE, find
-from .signatures import VARIABLES
+from .settings import TWINS
 
-#: Rivals whose χ² after refitting is within this of the best cannot be told from it (chance of wronging the truth below 1 %).
-TWINS = 6.6
 #: Noise that was not given and turns out below this part of what was estimated beside the misfit: the search is done again, at most so often.
 SHARPER, ROUNDS = 0.95, 3
 #: χ² over degrees of freedom up to which runs count as fitted when they are fitted apart.
 FITS = 1.15
-#: Of so many runs one is left out of the fit when errors on unseen runs are wanted.
-LEFT_OUT = 4
 
 
 def diagnose(
@@ -96,7 +93,7 @@ def diagnose(
     notes += leftover(problem, chosen.fit, campaign.noise_std, found_gate)
     deviations = f.deviations
     held = [f.structure.free[k] for k in f.structure.held]
-    notes += [f"{n} is held at {f.values[n]:.4g} as given: the change of the thrust is relative to that, and only their product shows" for n in held]
+    notes += support.held(f)
     return Diagnosis(
         campaign=campaign.name,
         verdict=verdict,
@@ -144,12 +141,7 @@ def _proposed(search: Search, root: Trial, state: State) -> Trial | None:
 def base_fit(campaign: Campaign, model: Model) -> tuple[Problem, Fit, tuple[str, ...]]:
     """The problem with its noise, the fit of the model as it is, and the parameters that the data cannot determine."""
     guess = noise.from_samples(campaign) | dict(campaign.noise_std)
-    for channel, value in guess.items():
-        if not np.isfinite(value) or value <= 0:
-            raise InputError(
-                f"{campaign.folder}: {channel} never changes from sample to sample, so its noise cannot be estimated; "
-                f"give noise_std: {{{channel}: …}} in campaign.yaml, or leave the channel out"
-            )
+    support.check_noise(campaign, guess)
     problem = Problem(campaign, model, guess)
     free = tuple(campaign.free) + tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
     structure = Structure(problem.model, free)
@@ -198,9 +190,8 @@ def step_of(search: Search, trial: Trial, shown: tuple[str, ...]) -> Step:
     """Errors with a set of effects: fitted on all runs, and on every fourth when the fit saw only the others."""
     problem, f = search.problem, trial.fit
     residuals = [p.residual for p in f.linear]
-    out = list(range(LEFT_OUT // 2, len(problem.runs), LEFT_OUT)) or [len(problem.runs) - 1]
-    seen = [i for i in range(len(problem.runs)) if i not in out]
-    heldout, by_channel = np.nan, {}
+    seen, out = left_out(problem)
+    heldout, heldout_errors = np.nan, {}
     if seen:
         near = [f.linear[i] for i in seen]
         inner = fit(problem.subset(seen), f.structure, [f.states[i] for i in seen], f.theta, iterations=8, reuse=near)
@@ -208,22 +199,11 @@ def step_of(search: Search, trial: Trial, shown: tuple[str, ...]) -> Step:
         left = problem.subset(out)
         outer = fit(left, Structure(model, ()), [f.states[i] for i in out], iterations=8, reuse=[f.linear[i] for i in out])
         rest = [p.residual for p in outer.linear]
-        heldout, by_channel = _rms(np.concatenate(rest)), _by_channel(left, rest)
+        heldout, heldout_errors = rms(np.concatenate(rest)), by_channel(left, rest)
     return Step(
-        shown, f.reduced_chi2, heldout, _by_channel(problem, residuals), by_channel,
-        {d.run.name: _rms(r) for d, r in zip(problem.runs, residuals, strict=True)},
+        shown, f.reduced_chi2, heldout, by_channel(problem, residuals), heldout_errors,
+        {d.run.name: rms(r) for d, r in zip(problem.runs, residuals, strict=True)},
     )  # fmt: skip
-
-
-def _rms(r: np.ndarray) -> float:
-    r = r[np.isfinite(r)]
-    return float(np.sqrt(np.mean(r**2))) if r.size else float("nan")
-
-
-def _by_channel(problem: Problem, residuals: Sequence[np.ndarray]) -> dict[str, float]:
-    number = np.concatenate([d.channel for d in problem.runs])
-    r = np.concatenate(residuals)
-    return {c: _rms(r[number == i]) for i, c in enumerate(problem.channels)}
 
 
 def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str], steps: Sequence[Step]) -> Unknown:
@@ -231,17 +211,7 @@ def _unknown(search: Search, chosen: Trial, gate: Gate, stand_in: Sequence[str],
     if not stand_in:
         law = next((t.law for t in gate.tests if t.law), ("heave", "surge"))
         return Unknown.of(*law)
-    f, name = chosen.fit, stand_in[0]
-    table = f.model.effects[name]
-    count = int(table["knots"])
-    u = table["start"] + np.linspace(0, count - 1, 400) * table["step"]
-    shapes = basis(u, table["start"], table["step"], count)
-    force = shapes @ np.array(table["values"])
-    mine = f.structure.tables[name]
-    scale = f.structure.scale[mine]
-    covariance = f.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
-    band = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shapes, covariance, shapes), 0.0))
-    return Unknown.of(name.removeprefix("stand_in_"), VARIABLES[int(table["variable"])], u, force, band)
+    return curve_of(chosen.fit, stand_in[0])
 
 
 def _rivals(search: Search, root: Trial, chosen: Trial) -> tuple[Rival, ...]:
@@ -346,17 +316,10 @@ def traces_of(search: Search, full: Trial, root: Trial, new: Sequence[str]) -> t
         for subset, f in fits.items():
             out = problem.simulate(f.structure, i, f.theta[None], f.states[i][None])
             read = problem.predict(f.structure, i, f.theta[None], out)[0]
-            predicted[subset] = {c: _column(data, read, k) for k, c in enumerate(problem.channels) if c in data.run.channels}
+            predicted[subset] = {c: column(data, read, k) for k, c in enumerate(problem.channels) if c in data.run.channels}
         measured = {c: data.run[c] for c in data.run.channels}
         traces.append(RunTraces(data.run.name, data.run.driven, data.run.times, measured, predicted))
     return tuple(traces)
-
-
-def _column(data, read: np.ndarray, channel: int) -> np.ndarray:
-    column = np.full(len(data.run.times), np.nan)
-    mine = data.channel == channel
-    column[np.searchsorted(data.run.times, data.time[mine])] = read[mine]
-    return column
 
 
 def disagreeing(problem: Problem, base: Fit) -> list[str]:

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..checks import Finding, admit
-from ..checks import set_aside as without
+from ..checks import Finding, admit, set_aside
 from ..core.errors import InputError
 from ..core.model import Model
 from ..data.campaign import Campaign
@@ -53,7 +52,7 @@ def diagnose(
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model, seen)
     if spikes := outlying(problem, base):
-        campaign, seen = without(campaign, spikes), (*seen, *spikes)
+        campaign, seen = set_aside(campaign, spikes), (*seen, *spikes)
         problem, base, undetermined = base_fit(campaign, model, seen)
     notes += support.undetermined(undetermined, base)
     task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
@@ -120,7 +119,7 @@ def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined:
     notes += support.leftover(problem, f, state.far)
     tests, p_value = answer.tests_of(screening)
     held = [f.structure.free[k] for k in f.structure.held]
-    notes += [f"{n} is held at {f.values[n]:.4g} as given: the change of the thrust is relative to that, and only their product shows" for n in held]
+    notes += support.held(f)
     deviations = f.deviations
     return Diagnosis(
         campaign=campaign.name,
@@ -133,7 +132,7 @@ def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined:
         next_experiment=experiment,
         steps=steps,
         rivals=answer.rivals_of(state, where),
-        limits=answer.limits_of(task, state, screening),
+        limits=answer.limits_of(state, screening),
         noise=dict(zip(problem.channels, sigma.tolist(), strict=True)),
         noise_given=tuple(campaign.noise_std),
         notes=tuple(notes),
@@ -161,7 +160,7 @@ def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> 
     if undetermined:
         kept = [k for k, n in enumerate(structure.free) if n not in undetermined]
         structure = Structure(problem.model, tuple(structure.free[k] for k in kept))
-        base = shooting.fit(problem, structure, shooting.moved(base.point, base.theta[kept]), FIRST_STEPS)
+        base = shooting.fit(problem, structure, replace(base.point, theta=base.theta[kept]), FIRST_STEPS)
     return problem, base, undetermined
 
 
@@ -171,12 +170,7 @@ def _noise(campaign: Campaign, seen: Sequence[Finding]) -> Mapping[str, float]:
     for channel, size in background.noise_of_rounding(seen).items():
         if channel in guess:
             guess[channel] = float(np.nanmax([guess[channel], size]))
-    for channel, value in guess.items():
-        if not np.isfinite(value) or value <= 0:
-            raise InputError(
-                f"{campaign.folder}: {channel} never changes from sample to sample, so its noise cannot be estimated; "
-                f"give noise_std: {{{channel}: …}} in campaign.yaml, or leave the channel out"
-            )
+    support.check_noise(campaign, guess)
     return guess
 
 

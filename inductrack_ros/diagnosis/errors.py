@@ -53,19 +53,24 @@ def residuals(problem: Problem, f: Fit, sigma: np.ndarray) -> list[np.ndarray]:
 def step_of(problem: Problem, f: Fit, sigma: np.ndarray, shown: tuple[str, ...]) -> Step:
     """Errors with a set of effects: on all runs, and on every fourth when the fit saw only the others."""
     r = residuals(problem, f, sigma)
-    out = list(range(LEFT_OUT // 2, len(problem.runs), LEFT_OUT)) or [len(problem.runs) - 1]
-    seen = [i for i in range(len(problem.runs)) if i not in out]
-    held, by_channel = np.nan, {}
+    seen, out = left_out(problem)
+    held, held_errors = np.nan, {}
     if seen:
         inner = fit(problem.subset(seen), f.structure, of_runs(f, seen), REFIT_STEPS // 2)
         left, structure = problem.subset(out), Structure(inner.model, ())
         point = of_runs(f, out)
         start = Point(np.empty(0), point.paths, point.power, tuple(p for p in point.processes if p.kind != RUN_TO_RUN), point.touching)
         rest = residuals(left, fit(left, structure, start, REFIT_STEPS // 2), sigma)
-        held, by_channel = rms(np.concatenate(rest)), _by_channel(left, rest)
+        held, held_errors = rms(np.concatenate(rest)), by_channel(left, rest)
     whole = rms(np.concatenate(r))
     by_run = {d.run.name: rms(x) for d, x in zip(problem.runs, r, strict=True)}
-    return Step(shown, whole**2, held, _by_channel(problem, r), by_channel, by_run)
+    return Step(shown, whole**2, held, by_channel(problem, r), held_errors, by_run)
+
+
+def left_out(problem: Problem) -> tuple[list[int], list[int]]:
+    """The runs that a fit sees when errors on unseen ones are wanted, and those: every `LEFT_OUT`-th."""
+    out = list(range(LEFT_OUT // 2, len(problem.runs), LEFT_OUT)) or [len(problem.runs) - 1]
+    return [i for i in range(len(problem.runs)) if i not in out], out
 
 
 def of_runs(f: Fit, which: Sequence[int]) -> Point:
@@ -80,7 +85,8 @@ def rms(r: np.ndarray) -> float:
     return float(np.sqrt(np.mean(r**2))) if r.size else float("nan")
 
 
-def _by_channel(problem: Problem, r: Sequence[np.ndarray]) -> dict[str, float]:
+def by_channel(problem: Problem, r: Sequence[np.ndarray]) -> dict[str, float]:
+    """Root mean square of all runs' residuals by channel."""
     number = np.concatenate([d.channel for d in problem.runs])
     whole = np.concatenate(r)
     return {c: rms(whole[number == i]) for i, c in enumerate(problem.channels)}
@@ -115,14 +121,15 @@ def traces_of(problem: Problem, fits: Mapping[tuple[str, ...], Fit]) -> tuple[Ru
     every = {subset: predicted(problem, f) for subset, f in fits.items()}
     traces = []
     for i, data in enumerate(problem.runs):
-        read = {s: {c: _column(data, p[i], k) for k, c in enumerate(problem.channels) if c in data.run.channels} for s, p in every.items()}
+        read = {s: {c: column(data, p[i], k) for k, c in enumerate(problem.channels) if c in data.run.channels} for s, p in every.items()}
         measured = {c: data.run[c] for c in data.run.channels}
         traces.append(RunTraces(data.run.name, data.run.driven, data.run.times, measured, read))
     return tuple(traces)
 
 
-def _column(data: RunData, read: np.ndarray, channel: int) -> np.ndarray:
-    column = np.full(len(data.run.times), np.nan)
+def column(data: RunData, read: np.ndarray, channel: int) -> np.ndarray:
+    """A channel's predictions (n,) at the run's samples out of all (m,); NaN where it was not measured."""
+    found = np.full(len(data.run.times), np.nan)
     mine = data.channel == channel
-    column[np.searchsorted(data.run.times, data.time[mine])] = read[mine]
-    return column
+    found[np.searchsorted(data.run.times, data.time[mine])] = read[mine]
+    return found

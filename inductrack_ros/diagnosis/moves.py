@@ -95,11 +95,6 @@ def law_price() -> float:
     return 2.0 * float(np.log(len(VARIABLES) * 5 / LEVEL))
 
 
-def lean(task: Task, state: State) -> State:
-    """The state without processes that no longer pay."""
-    return replace(state, fit=background.lean(task.problem, state.fit, task.given))
-
-
 def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: int = LOOK_STEPS) -> State:
     """The state with a set of known effects, beside the background that suits it, after a few steps."""
     task.say(" + ".join([*state.added, *(m.name for m in found.members)]))

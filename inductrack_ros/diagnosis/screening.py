@@ -92,8 +92,9 @@ def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds
     if wavy and WAVES in names(problem, fit.structure):
         for candidate, part in _waves(problem, fit, systems):
             candidates[candidate.label], parts[candidate.label] = candidate, part
+    covered = placed.ranges([outputs_of(problem, fit, i) for i in range(len(problem.runs))]) if somewhere else {}
     for name in somewhere:
-        for candidate, part in _placed(problem, fit, systems, name):
+        for candidate, part in _placed(problem, fit, systems, name, covered):
             candidates[candidate.label], parts[candidate.label] = candidate, part
     found = scores(problem, fit, parts, systems, backgrounds)
     return Screening(candidates, found, _sets(candidates, found))
@@ -121,11 +122,10 @@ def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[Candidate
 # ---------------------------------------------------------------- effects at a place
 
 
-def _placed(problem: Problem, fit: Fit, systems: Sequence[LinearRun], name: str) -> list[tuple[Candidate, list[Columns]]]:
-    """An effect at the best few of the starts that it declares: where, or how fast, it shows nothing of while it vanishes."""
+def _placed(problem: Problem, fit: Fit, systems: Sequence[LinearRun], name: str, covered: Mapping[str, tuple[float, float]]) -> list[tuple[Candidate, list[Columns]]]:
+    """An effect at the best few of the starts that it declares for runs that cover these ranges: it shows nothing of them while it vanishes."""
     item = fit.model.known_effects[name]
-    seen = [outputs_of(problem, fit, i) for i in range(len(problem.runs))]
-    asked = placed.tried(item, placed.ranges(seen))
+    asked = placed.tried(item, covered)
     plain = Structure(fit.model, ())
     wide, thetas = placed.thetas(plain, np.empty(0), name, asked)
     steps = np.array([row[3] for row in asked.rows])

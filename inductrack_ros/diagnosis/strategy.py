@@ -16,7 +16,6 @@ from .moves import (
     State,
     Task,
     law_price,
-    lean,
     refitted,
     rivals,
     settled,
@@ -53,7 +52,7 @@ def _repeated(task: Task, state: State, name: str, stage: Stage) -> State:
 
 def add_background(task: Task, state: State) -> State:
     """Add what log and rig do besides, as far as it pays; take out what no longer does."""
-    new = background.improved(task.problem, lean(task, state).fit, task.given, task.hints, task.tell)
+    new = background.improved(task.problem, background.lean(task.problem, state.fit, task.given), task.given, task.hints, task.tell)
     kinds = ", ".join(dict.fromkeys(f"{p.kind} {p.on}".strip() for p in new.processes)) or "nothing"
     return replace(state, fit=new).told(f"beside the model: {kinds}; deviance {new.deviance:.0f}")
 

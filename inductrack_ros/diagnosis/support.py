@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ..core.errors import InputError
 from ..data.campaign import Campaign
+from ..estimation import fit as deterministic
 from ..estimation.problem import Problem
 from ..estimation.shooting import Fit
 
@@ -69,3 +70,19 @@ def leftover(problem: Problem, final: Fit, far: bool) -> list[str]:
     if final.touching is not None and all(t.mean() > ALL_TOUCHING for t in final.touching):
         notes.append("the cradle touches the track in every run: lift and damping show little; runs that fly would show them")
     return notes
+
+
+def held(f: Fit | deterministic.Fit) -> list[str]:
+    """A note for each parameter that stays as given beside a change of the thrust."""
+    names = [f.structure.free[k] for k in f.structure.held]
+    return [f"{n} is held at {f.values[n]:.4g} as given: the change of the thrust is relative to that, and only their product shows" for n in names]
+
+
+def check_noise(campaign: Campaign, noise: Mapping[str, float]) -> None:
+    """Raise `InputError` for a channel whose noise can neither be had from its samples nor is given."""
+    for channel, value in noise.items():
+        if not np.isfinite(value) or value <= 0:
+            raise InputError(
+                f"{campaign.folder}: {channel} never changes from sample to sample, so its noise cannot be estimated; "
+                f"give noise_std: {{{channel}: …}} in campaign.yaml, or leave the channel out"
+            )

@@ -481,11 +481,6 @@ def cost(
     return total + float(np.sum(((path[0, free] - data.guess[free]) / STATE_PRIOR[free]) ** 2))
 
 
-def moved(point: Point, theta: np.ndarray) -> Point:
-    """A point with another theta (g,)."""
-    return replace(point, theta=np.asarray(theta, float))
-
-
 def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | None = None) -> list[LinearRun]:
     """Every run about a fit's trajectories, without the processes' states."""
     structure = structure or fit.structure
