@@ -14,6 +14,7 @@ from ..estimation.fit import NOISE_TOLERANCE
 from .candidates import visible
 from .gate import Gate
 from .moves import OutOfTime
+from .placed import is_placed
 from .race import Trial
 from .result import INTERRUPTED, OUT_OF_TIME
 from .search import QUICK_LATER, Search
@@ -268,8 +269,10 @@ def _points_to_known(search: Search, trial: Trial) -> bool:
 def _two_explain(search: Search, trial: Trial) -> bool:
     """Whether two candidates together promise nearly all of the misfit: drag and a slope, say, are one force of the speed too."""
     look = search.near(trial)[0]
-    project = look.project
-    signatures = [c for s in look.screened if (c := visible(project, s.columns)).shape[1]]
+    project, known = look.project, trial.fit.model.known_effects
+    # One whose place was sought is nearly a force of the place itself, and says nothing for known physics.
+    laws = [s for s in look.screened if not is_placed(known[s.candidate.name.partition(":")[0]])]
+    signatures = [c for s in laws if (c := visible(project, s.columns)).shape[1]]
     wanted = TWO_EXPLAIN * (look.fit.chi2 - look.fit.samples)
     for i, one in enumerate(signatures[:FIRST_OF_TWO]):
         q = np.linalg.qr(one)[0]
