@@ -57,14 +57,16 @@ def diagnose(
     notes += support.undetermined(undetermined, base)
     task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
     state = add_background(task, State(base))
-    if _exact_in_contact(task, state):
+    exact = _exact_in_contact(task, state)
+    if not exact:
+        state = search(task, state)
+    if exact or _is_exact(task, state):
         try:
-            told = deterministic.diagnose(campaign, model, lambda: _exact(task, search(task, state)), task.say, workers)
+            consult = (lambda: _exact(task, search(task, state))) if exact else (lambda: state)
+            told = deterministic.diagnose(campaign, model, consult, task.say, workers)
             return replace(told, findings=tuple(seen), seconds=time.monotonic() - began)
         except NotExact as shaky:
             state = shaky.state
-    else:
-        state = search(task, state)
     notes += [STOPPED[state.stopped]] if state.stopped else []
     return _told(campaign, task, state, base, undetermined, notes, began)
 
@@ -79,9 +81,13 @@ class NotExact(Exception):
 
 def _exact(task: Task, state: State) -> State:
     """The end of a search. Raises `NotExact` where a simulation from end to end cannot be exact."""
-    if state.stopped or not _exact_in_contact(task, state) or shaken(task, state):
+    if not _is_exact(task, state):
         raise NotExact(state)
     return state
+
+
+def _is_exact(task: Task, state: State) -> bool:
+    return not state.stopped and _exact_in_contact(task, state) and not shaken(task, state)
 
 
 def _exact_in_contact(task: Task, state: State) -> bool:
