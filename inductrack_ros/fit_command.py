@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Fit; writes ``report.html``, ``fit.json`` and ``model.yaml``."""
     from .checks import admit
     from .core.plain_json import file_text
+    from .core.uncertainty import Uncertainty
     from .data import load_campaign
     from .estimation.identify import Identification, verdict
     from .estimation.misfits import DURATION, JointMisfit, SeriesMisfit, TravelMisfit, read_travels
@@ -106,7 +107,7 @@ def run(arguments: argparse.Namespace) -> None:
         fitted = with_values(model, dict(zip(free, fit.values.tolist(), strict=True)))
         (written / "report.html").write_text(render(report), encoding="utf-8")
         (written / "fit.json").write_text(file_text(results(report)), encoding="utf-8")
-        fitted.save(written / "model.yaml", f"Fitted by inductrack fit: {', '.join(free)}")
+        fitted.save(written / "model.yaml", f"Fitted by inductrack fit: {', '.join(free)}", Uncertainty(free, fit.covariance))
     print(report.words)
     print(Path(arguments.output) / "report.html")
 

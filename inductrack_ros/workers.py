@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 
@@ -141,16 +142,16 @@ def _versions() -> tuple[str, ...]:
     return f"inductrack_ros sources {sources.hexdigest()[:12]}", f"Python {platform.python_version()}", platform.machine(), *packages
 
 
-def _restore(fields: tuple, files: dict[str, bytes]) -> Model:
+def _restore(values: tuple, files: dict[str, bytes]) -> Model:
     if _at_work:  # at home the files themselves count, which may have been edited since
         use_shipped(files)
-    return Model(*fields)
+    return Model(*values)
 
 
 def _reduce(model: Model) -> tuple:
-    """A model as its five fields and the text of its effect files; what is compiled is compiled again, or is in the cache."""
+    """A model as its fields and the text of its effect files; what is compiled is compiled again, or is in the cache."""
     files = {f: run_file(f).content for f in model.effect_files}
-    return _restore, ((dict(model.parameters), dict(model.effects), model.dof, model.drive, model.effect_files), files)
+    return _restore, (tuple(getattr(model, f.name) for f in fields(model)), files)
 
 
 copyreg.pickle(Model, _reduce)

@@ -19,6 +19,7 @@ from .options import DRIVES, MODEL_OPTIONS, is_of_the_node
 from .parameter_files import blocks_for, merged, shared_names
 from .parameters import PARAMETERS, check_parameters
 from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES, as_dof
+from .uncertainty import Uncertainty
 
 _NONE = np.empty(0)
 #: How the names of conditions begin in a parameter file.
@@ -211,8 +212,8 @@ class Model:
             f"{e}.{p}": list(v) if isinstance(v, tuple) else v for e, values in self.effects.items() for p, v in values.items()
         }
 
-    def save(self, path: str | Path, comment: str = "") -> None:
-        """Write a ROS 2 parameter file, whole or not at all."""
+    def save(self, path: str | Path, comment: str = "", uncertainty: Uncertainty | None = None) -> None:
+        """Write a ROS 2 parameter file, whole or not at all; with ``uncertainty`` it says how well its parameters are known."""
         flat = self.to_mapping()
         nested: dict[str, object] = {}
         for key, value in flat.items():
@@ -222,7 +223,8 @@ class Model:
             elif value != []:  # an empty list has no type in a ROS parameter file
                 nested[key] = value
         text = "".join(f"# {line}\n" for line in comment.splitlines())
-        text += yaml.safe_dump({"/**": {"ros__parameters": nested}}, sort_keys=False, allow_unicode=True)
+        blocks = {"/**": {"ros__parameters": nested}} | (uncertainty.block() if uncertainty else {})
+        text += yaml.safe_dump(blocks, sort_keys=False, allow_unicode=True)
         aside = Path(path).with_name(Path(path).name + ".partial")
         try:
             aside.write_text(text, encoding="utf-8")
@@ -340,7 +342,7 @@ class Model:
         x[INDEX["surge_rate"]] = speed
         P = self._vector_at(drive_current)
 
-        on = self.switches & ~np.array([self._passes_on(self.known_effects[n]) for n in self.kernel.effects])
+        on = self.switches & ~np.array([self.passes_on(self.known_effects[n]) for n in self.kernel.effects])
 
         def force(heave: float) -> float:
             x[INDEX["heave"]] = heave
@@ -356,7 +358,7 @@ class Model:
         raise InputError(f"the lift exceeds the weight at any gap at {speed:g} m/s; give heave in the initial state")
 
     @staticmethod
-    def _passes_on(item: Effect) -> bool:
+    def passes_on(item: Effect) -> bool:
         """Whether an effect takes the vertical force up and passes it on in time (an elastic frame): balance is where there is none."""
         return bool(item.states) and any("force_heave" in part.changes for part in item.parts)
 

@@ -19,6 +19,7 @@ from ..estimation.structure import Structure
 from . import support
 from .candidates import Candidate
 from .deterministic import base_fit, step_of, traces_of, where_won
+from .known import uncertainty_of
 from .race import Trial
 from .result import Diagnosis, Rival
 from .search import Search
@@ -97,6 +98,7 @@ def add_effect(
         p_value=gate.p_scores,
         traces=traces_of(search, trial, root, (name,)),
         seconds=time.monotonic() - began,
+        uncertainty=uncertainty_of(f),
     )
 
 

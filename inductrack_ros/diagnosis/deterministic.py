@@ -27,6 +27,7 @@ from .candidates import WAVES, Screened
 from .errors import by_channel, column, left_out, rms
 from .experiment import propose
 from .gate import Gate
+from .known import uncertainty_of
 from .moves import State
 from .race import Trial
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Limit, Rival, RunTraces, Step, Unknown
@@ -115,6 +116,7 @@ def diagnose(
         proposal=proposal,
         seconds=time.monotonic() - began,
         log=_log(search, root, chosen, new),
+        uncertainty=uncertainty_of(f),
     )
 
 

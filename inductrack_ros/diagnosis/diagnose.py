@@ -21,6 +21,7 @@ from ..workers import Cluster, Threads
 from . import answer, background, deterministic, errors, support
 from .experiment import propose
 from .findings import findings, hidden_by, outlying
+from .known import uncertainty_of
 from .moves import State, Task, shaken
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
 from .settings import FIRST_STEPS, UNDETERMINED
@@ -149,6 +150,7 @@ def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined:
         proposal=proposal,
         seconds=time.monotonic() - began,
         log=state.log,
+        uncertainty=uncertainty_of(f),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from ..checks import Finding
 from ..core.model import Model
 from ..core.plain_json import file_text, plain
+from ..core.uncertainty import Uncertainty
 
 #: Unit of an unknown change of the thrust.
 OF_THRUST = "of the thrust"
@@ -184,6 +185,7 @@ class Diagnosis:
     proposal: Proposal | None = None
     seconds: float = 0.0
     log: tuple[str, ...] = ()
+    uncertainty: Uncertainty | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -238,4 +240,4 @@ class Diagnosis:
         comment = f"Diagnosis of {self.campaign}: {self.verdict.replace('_', ' ')}; {found}."
         if any(n.startswith("stand_in") for n in self.model.effects):
             comment += "\nstand_in_* is a smooth force in place of unknown physics: it predicts, it explains nothing."
-        self.model.save(folder / "model.yaml", comment)
+        self.model.save(folder / "model.yaml", comment, self.uncertainty)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -24,12 +24,14 @@ def ensemble(
     states: np.ndarray,
     parameters: Mapping[str, np.ndarray] | None = None,
     workers: Threads | Cluster | None = None,
+    reduced: Callable[[np.ndarray], np.ndarray] = np.asarray,
 ) -> np.ndarray:
     """Outputs (runs, n, 15), columns as in `state.OUTPUTS`, of runs by the averaged drive through ``times`` (n,), rising.
 
     ``states`` (runs, 8) are where they start, at the first of ``times``; ``parameters`` maps full names (``eta``,
     ``drive_current``, ``viscous_drag.coefficient``) to (runs,). Each row is what `Model.simulate` gives for it, to the last bit; from `MANY`
-    runs on, which fly side by side, to 1e-9 m. A run that leaves all bounds ends in NaN rows. Raises `InputError` for a
+    runs on, which fly side by side, to 1e-9 m. A run that leaves all bounds ends in NaN rows. ``reduced`` is applied to the outputs
+    (jobs, n, 15) where they are made, so that of many runs only what it gives of each, (jobs, …), is kept. Raises `InputError` for a
     name or a shape that does not fit.
     """
     times, states = np.ascontiguousarray(times, float), np.atleast_2d(np.asarray(states, float))
@@ -51,7 +53,10 @@ def ensemble(
         P = np.tile(model.vector, (len(x), 1))
         for name, column in columns.items():
             P[:, column] = parameters[name][rows]
-        full = np.array([model.with_effect_states(s, times[0], p) for s, p in zip(x, P, strict=True)])
+        full = np.zeros((len(x), len(model.kernel.states)))
+        full[:, :8] = x
+        if model.carries_states:  # else they stay as they are, and move nothing
+            full[:] = [model.with_effect_states(s, times[0], p) for s, p in zip(x, P, strict=True)]
         out = np.empty((len(x), times.size, len(OUTPUTS)))
         done = np.zeros(len(x), np.int64)  # rows of each run
         if in_lanes:
@@ -62,7 +67,7 @@ def ensemble(
             model.kernel.simulate_batch(
                 times[rest], began, full[one], P[one], model.switches[None], model.moving, x[one, 0], True, none, none, none, 1.0, out[one, rest]
             )
-        return out
+        return reduced(out)
 
     rows = [slice(i, i + CHUNK) for i in range(0, len(states), CHUNK)]
     return np.concatenate((workers or Threads()).map(task, rows))
