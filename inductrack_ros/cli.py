@@ -278,6 +278,7 @@ def _delivered(module: str) -> tuple[Callable[[argparse.ArgumentParser], None], 
 
 COMMANDS = (
     Command("simulate", "simulate a run or a campaign, as it is or as sensors measure it, without ROS", *_delivered(".simulate_command")),
+    Command("sweep", "map what runs would do over one or two parameters, initial states or currents, to plan with", *_delivered(".sweep_command")),
     Command("check", "look at a campaign's data before any fit: clocks, units, signs, bad samples, noise", _check_arguments, _check),
     Command("compare", "show where a model fails to predict a campaign's measurements", _compare_arguments, _compare),
     Command("diagnose", "find out which effect a model misses, if any", _diagnose_arguments, _diagnose),

@@ -10,7 +10,7 @@ import numpy as np
 from ..core.cache import compiled_once
 
 #: Swings may grow so much from the first third of a run to the last before the run is called not stable.
-GROWTH = 2.0
+GROWTH = 4.0
 #: Swings (m, m, rad of top gap, sway and roll) that are none: the mean's own curvature, and rounding.
 STILL = (2e-5, 2e-5, 2e-4)
 
@@ -40,7 +40,6 @@ QUANTITIES: tuple[Quantity, ...] = (
 )  # fmt: skip
 NAMES = tuple(q.name for q in QUANTITIES)
 QUANTITY = {q.name: q for q in QUANTITIES}
-#: The one that says whether a run could be flown at all is the last: every other may be missing with a reason.
 _STILL = np.array(STILL)
 
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from ..core.model import Model
-from ..core.state import INDEX
+from ..core.state import INDEX, OUTPUTS
 
-_HEAVE, _HEAVE_ACCELERATION = INDEX["heave"], INDEX["heave_acceleration"]
+_HEAVE, _SPEED, _HEAVE_ACCELERATION = INDEX["heave"], INDEX["surge_rate"], INDEX["heave_acceleration"]
 _NONE = np.empty(0)
 
 
@@ -18,8 +18,7 @@ def on_equilibrium(model: Model, states: np.ndarray, P: np.ndarray) -> np.ndarra
 
     NaN where there is no such heave: nothing carries the cradle, or the lift exceeds its weight at any gap.
     """
-    states = states.copy()
-    force = _vertical(model, states, P)
+    force = _vertical(model, states[:, _SPEED], P)
     gap = P[:, model.kernel.parameters.index("nominal_gap")]
     low, high = -gap - 2e-3, np.maximum(gap, 1e-3)
     at_low, at_high = force(low), force(high)
@@ -30,24 +29,24 @@ def on_equilibrium(model: Model, states: np.ndarray, P: np.ndarray) -> np.ndarra
         high = np.where(lifts, 2 * high, high)
         at_high = np.where(lifts, force(high), at_high)
     heave = _roots(force, low, high, at_low, at_high)
-    states[:, _HEAVE] = np.where((at_low > 0) & (at_high < 0), heave, np.nan)
-    return states
+    found = states.copy()
+    found[:, _HEAVE] = np.where((at_low > 0) & (at_high < 0), heave, np.nan)
+    return found
 
 
-def _vertical(model: Model, states: np.ndarray, P: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """The heave acceleration (runs,) as a function of the heaves (runs,): one call of the compiled kernel for all."""
+def _vertical(model: Model, speeds: np.ndarray, P: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The heave acceleration (runs,) as a function of the heaves (runs,), level and centred: one call of the compiled kernel for all."""
     steady = np.array([not model.passes_on(model.known_effects[name]) for name in model.kernel.effects], bool)
-    on = np.tile(model.switches & steady, (len(states), 1))
-    x = np.zeros((len(states), len(model.kernel.states)))
-    out = np.empty((len(states), 1, 15))
+    on = np.tile(model.switches & steady, (len(speeds), 1))
+    x = np.zeros((len(speeds), len(model.kernel.states)))
+    out = np.empty((len(speeds), 1, len(OUTPUTS)))
     moving = np.array([0.0, 0.0, 1.0, 0.0])
 
     def force(heave: np.ndarray) -> np.ndarray:
-        states[:, _HEAVE] = heave
-        x[:, :8] = states
+        x[:, _HEAVE], x[:, _SPEED] = heave, speeds
         if model.carries_states:
-            x[:] = [model.with_effect_states(s, 0.0, p) for s, p in zip(states, P, strict=True)]
-        model.kernel.simulate_batch(np.zeros(1), 0.0, x, P, on, moving, x[:, 0].copy(), True, _NONE, _NONE, _NONE, 1.0, out)
+            x[:] = [model.with_effect_states(s, 0.0, p) for s, p in zip(x, P, strict=True)]
+        model.kernel.simulate_batch(np.zeros(1), 0.0, x, P, on, moving, np.zeros(len(x)), True, _NONE, _NONE, _NONE, 1.0, out)
         return out[:, 0, _HEAVE_ACCELERATION].copy()
 
     return force
