@@ -27,8 +27,8 @@ setup(
         (f"share/{NAME}/layouts", glob("layouts/*")),
     ],
     python_requires=">=3.10",
-    # xarray: the maps of `sweep` as NetCDF; 2023.12 is what Ubuntu 24.04 has, and SciPy, which is here anyway, writes the file.
-    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "pandas>=2", "xarray>=2023.12", "rosbags>=0.11", "plotly", "jinja2", "threadpoolctl", "rich"],
+    # xarray: the maps of `sweep` as NetCDF, through SciPy; 2023.1 is the oldest that a distribution we serve has (Debian 12).
+    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "pandas>=2", "xarray>=2023.1", "rosbags>=0.11", "plotly", "jinja2", "threadpoolctl", "rich"],
     extras_require={
         # ROS 2 Jazzy as PyPI wheels, for machines without a distribution; never installed over a sourced one.
         "ros": [

@@ -56,6 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     from .progress import progress, say_notes
     from .workers import workers
 
+    _needs_xarray()
     planned = _planned(arguments.campaign)
     with output_folder(arguments.output, planned and planned.folder) as folder:
         plan = _plan(arguments, planned)
@@ -87,6 +88,14 @@ def _check(arguments: argparse.Namespace) -> None:
         raise InputError(f"--samples {arguments.samples}: give 1 or more, or leave it out for the model's own parameters alone")
     if not 0 <= arguments.seed < 2**31:
         raise InputError(f"--seed {arguments.seed}: must lie in [0, {2**31 - 1}]")
+
+
+def _needs_xarray() -> None:
+    """Raise `InputError` before any work where the numbers could not be written."""
+    from importlib.util import find_spec
+
+    if find_spec("xarray") is None:
+        raise InputError("sweep needs xarray: pip install xarray, or apt install python3-xarray")
 
 
 def _planned(folder: str | None) -> PlannedCampaign | None:

@@ -31,7 +31,7 @@ def ensemble(
     ``states`` (runs, 8) are where they start, at the first of ``times``; ``parameters`` maps full names (``eta``,
     ``drive_current``, ``viscous_drag.coefficient``) to (runs,). Each row is what `Model.simulate` gives for it, to the last bit; from `MANY`
     runs on, which fly side by side, to 1e-9 m. A run that leaves all bounds ends in NaN rows. ``reduced`` is applied to the outputs
-    (jobs, n, 15) where they are made, so that of many runs only what it gives of each, (jobs, …), is kept. Raises `InputError` for a
+    (jobs, n, 15) where they are made, so that of many runs only what it gives of each, (jobs, …), is kept (a copy: a view would keep all). Raises `InputError` for a
     name or a shape that does not fit.
     """
     times, states = np.ascontiguousarray(times, float), np.atleast_2d(np.asarray(states, float))

@@ -36,7 +36,7 @@ def outcome(sweep: Sweep, placed: Sequence[Placed]) -> Figure:
     if np.isfinite(contact).any():
         data.append(_heat(sweep, contact, "first contact", "s", _TOUCHES, bar | {"y": 0.0, "yanchor": "bottom", "title": {"text": "touches<br>after (s)", "font": {"size": 12}}}, zmin=0.0, zmax=sweep.plan.duration))
     if np.isfinite(gap).any():
-        data.append(_heat(sweep, gap, "smallest gap", "mm", _FLIES, bar | {"y": 1.0, "yanchor": "top", "title": {"text": "flies, least<br>gap (mm)", "font": {"size": 12}}}))
+        data.append(_heat(sweep, gap, "smallest gap", "mm", _FLIES, bar | {"y": 1.0, "yanchor": "top", "title": {"text": "flies, least<br>gap (mm)", "font": {"size": 12}}}, **dict(zip(("zmin", "zmax"), _bulk(gap[np.isfinite(gap)]), strict=True))))
         data.append(_contours(sweep, gap, "@ink"))
     data += runs_on_map(sweep, placed)
     return Figure(data, _map_layout(sweep), label, 430)
@@ -73,12 +73,20 @@ def runs_on_map(sweep: Sweep, placed: Sequence[Placed], names: bool = True) -> l
     there = sorted((p for p in placed if p.on_the_map), key=lambda p: p.at[sweep.plan.axes[0].name])
     if not there:
         return []
-    sides = [("middle left", "middle right")[i % 2] for i in range(len(there))]  # neighbours' names stand apart
     x, y = (np.array([p.at[a.name] for p in there]) for a in sweep.plan.axes)
+    sides = _sides(sweep, x, y)
     more = {"mode": "markers+text", "text": [f" {p.run.name} " for p in there], "textposition": sides, "textfont": {"size": 12}} if names else {"text": [p.run.name for p in there]}
     trace = dots(x, y, "planned runs", "@page", size=9, hovertemplate="%{text}<extra></extra>", showlegend=False, cliponaxis=False, **more)
     trace["marker"]["line"] = {"color": "@ink", "width": 2}
     return [trace]
+
+
+def _sides(sweep: Sweep, x: np.ndarray, y: np.ndarray) -> list[str]:
+    """Where the names of dots at x, rising, and y stand: on the right, but where the next dot or the map's edge is."""
+    width, height = (np.ptp(a.values) for a in sweep.plan.axes)
+    near_edge = x > sweep.plan.axes[0].values[-1] - 0.12 * width
+    crowded = np.append((np.diff(x) < 0.12 * width) & (np.abs(np.diff(y)) < 0.04 * height), False)
+    return ["middle left" if left else "middle right" for left in near_edge | crowded]
 
 
 def shown(sweep: Sweep, name: str) -> np.ndarray:
@@ -168,7 +176,7 @@ def _two_lines(sweep: Sweep, placed: Sequence[Placed], gap: np.ndarray, contact:
         data.append(dots(where, [1e3 * max(p.values["smallest_gap"], 0.0) for p in there], "planned runs", "@ink", size=9, text=[p.run.name for p in there], mode="markers+text", textposition="top center"))
     layout = {
         "xaxis": {"title": axis.title, "type": "log" if axis.logarithmic else "linear"}, "yaxis": {"title": "smallest gap (mm)", "rangemode": "tozero"},
-        "yaxis2": {"title": {"text": "first contact (s)"}, "overlaying": "y", "side": "right", "range": [0, sweep.plan.duration * 1.05], "showgrid": False},
+        "yaxis2": {"title": {"text": "first contact (s)"}, "overlaying": "y", "side": "right", "tickmode": "auto", "range": [0, sweep.plan.duration * 1.05], "showgrid": False},
     }  # fmt: skip
     return Figure(data, layout, label, 400)
 
@@ -184,7 +192,8 @@ def _one_line(sweep: Sweep, quantity: Quantity, table: np.ndarray, title: str, p
         data.append(dots([p.at[axis.name] for p in there], [factor * p.values[quantity.name] for p in there], "planned runs", "@ink", size=8, text=[p.run.name for p in there], hovertemplate="%{text}<extra></extra>", showlegend=False))
     finite = table[np.isfinite(table)]
     wide = finite.size and finite.min() > 0 and finite.max() > WIDE * finite.min()
-    layout = {"xaxis": {"title": axis.title, "type": "log" if axis.logarithmic else "linear"}, "yaxis": {"title": title, "type": "log" if wide else "linear"}, "showlegend": False}
+    layout = {"xaxis": {"title": axis.title, "type": "log" if axis.logarithmic else "linear"}, "yaxis": {"title": quantity.shown[1], "type": "log" if wide else "linear"}}
+    layout |= {"showlegend": False, "title": {"text": title, "font": {"size": 14}, "x": 0.01}, "margin": {"l": 8, "r": 8, "t": 34, "b": 8}}
     return Figure(data, layout, title, 300)
 
 

@@ -20,6 +20,9 @@ from .words import listed, number, sized
 #: Quantities with a map of their own besides the first.
 MAPPED = ("hover_gap", "travel", "final_speed", "peak_roll", "peak_sway", "swing_growth")
 
+#: A quantity that differs by less than so much of the unit in which it is shown has no map.
+SAME = 1e-6
+
 
 @dataclass(frozen=True)
 class SweepReport:
@@ -83,7 +86,7 @@ def _points(report: SweepReport) -> list[str]:
         points.append(_placed_words(report.placed))
     if report.sweep.spread is not None:
         open_ = int(((report.sweep.spread.touching > 0) & (report.sweep.spread.touching < 1)).sum())
-        points.append(f"With {plan.samples} draws of {listed([n.replace('_', ' ') for n in plan.draws.names])}, {open_} of {plan.points} points may touch or fly.")
+        points.append(f"Over {plan.samples} draws of {listed(list(plan.draws.names))} the outcome changes at {open_} of {plan.points} points.")
     if report.sweep.unflown:
         points.append(f"{report.sweep.unflown} points have no run: no heave balances the weight there. They stay white.")
     if report.sweep.lost:
@@ -142,7 +145,8 @@ def _caption(report: SweepReport) -> str:
 
 def _maps(page: Page, report: SweepReport) -> Markup:
     sweep = report.sweep
-    drawn = [page.figure(figures.single(sweep, QUANTITY[name], placed=report.placed)) for name in MAPPED if np.isfinite(sweep.values[name]).any()]
+    differing = [name for name in MAPPED if np.isfinite(sweep.values[name]).any() and np.nanmax(sweep.values[name]) - np.nanmin(sweep.values[name]) > SAME / QUANTITY[name].shown[0]]
+    drawn = [page.figure(figures.single(sweep, QUANTITY[name], placed=report.placed)) for name in differing]
     thinned = max(figures.strides(sweep)) > 1
     more = markup("<p class='soft'>Drawn with every {} point; sweep.nc has all.</p>", " × ".join(f"{s}th" if s > 1 else "" for s in figures.strides(sweep))) if thinned else ""
     return markup("<div class='two'>{}</div>{}", joined(drawn), more)
