@@ -11,7 +11,8 @@ from scipy import stats
 
 from ..core.effects.stand_in import VARIABLES, basis
 from ..estimation import fit as deterministic
-from ..estimation.shooting import ANEW, Fit, fit, linearise_all
+from ..estimation.processes import IMPACT
+from ..estimation.shooting import ANEW, Fit, exactly, fit, linearise_all
 from . import background
 from .moves import State, Task, without
 from .result import Limit, Rival, Test, Unknown
@@ -46,9 +47,12 @@ def subsets(task: Task, state: State, base: Fit) -> dict[tuple[str, ...], Fit]:
 
 def settled_base(task: Task, state: State, base: Fit) -> Fit:
     """The model as it was, beside what log and rig do in the answer."""
-    if base.processes == state.fit.processes or not state.added:
-        return base if state.added else state.fit
-    return fit(task.problem, base.structure, replace(base.point, processes=state.fit.processes), REFIT_STEPS)
+    if not state.added:
+        return state.fit
+    if base.processes != state.fit.processes:
+        processes = tuple(p for p in base.processes if p.kind == IMPACT) + tuple(p for p in state.fit.processes if p.kind != IMPACT)
+        base = fit(task.problem, base.structure, replace(base.point, processes=processes), REFIT_STEPS)
+    return exactly(task.problem, base.structure, base.point, REFIT_STEPS) if state.fit.exact and not base.exact else base
 
 
 def rivals_of(state: State, where: Mapping[str, Mapping[str, Mapping[str, float]]]) -> tuple[Rival, ...]:

@@ -18,11 +18,11 @@ from ..estimation.problem import Problem
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
-from . import answer, background, deterministic, errors, support
+from . import answer, background, errors, support
 from .experiment import propose
 from .findings import findings, hidden_by, outlying
 from .known import uncertainty_of
-from .moves import State, Task, shaken
+from .moves import State, Task
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
 from .settings import FIRST_STEPS, UNDETERMINED
 from .strategy import add_background, search
@@ -58,49 +58,9 @@ def diagnose(
     notes += support.undetermined(undetermined, base)
     task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
     state = add_background(task, State(base))
-    exact = _exact_in_contact(task, state)
-    if not exact:
-        state = search(task, state)
-    if exact or _is_exact(task, state):
-        try:
-            consult = (lambda: _exact(task, search(task, state))) if exact else (lambda: state)
-            told = deterministic.diagnose(campaign, model, consult, task.say, workers)
-            return replace(told, findings=tuple(seen), seconds=time.monotonic() - began)
-        except NotExact as shaky:
-            state = shaky.state
+    state = search(task, state)
     notes += [STOPPED[state.stopped]] if state.stopped else []
     return _told(campaign, task, state, base, undetermined, notes, began)
-
-
-class NotExact(Exception):
-    """Something shakes the rig or spoils its log; the end of the search over nodes, which reckons with that, is in ``state``."""
-
-    def __init__(self, state: State):
-        super().__init__()
-        self.state = state
-
-
-def _exact(task: Task, state: State) -> State:
-    """The end of a search. Raises `NotExact` where a simulation from end to end cannot be exact."""
-    if not _is_exact(task, state):
-        raise NotExact(state)
-    return state
-
-
-def _is_exact(task: Task, state: State) -> bool:
-    return not state.stopped and _exact_in_contact(task, state) and not shaken(task, state)
-
-
-def _exact_in_contact(task: Task, state: State) -> bool:
-    """Whether runs touch the track and their log does nothing besides, so that a simulation from end to end can be exact.
-
-    Beside a stiff contact the nodes' fit alone does not prove coloured or larger noise: the look at the data has to see it too.
-    """
-    touching = state.fit.touching is not None and any(t.any() for t in state.fit.touching)
-    seen = {(h.kind, h.channel) for h in task.hints}
-    rounded = any(p.kind == background.ROUNDED for p in state.fit.processes)
-    besides = [p for p in state.fit.processes if p.kind == background.RUN_TO_RUN or (p.kind, p.on or None) in seen]
-    return touching and not besides and not rounded
 
 
 def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float) -> Diagnosis:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def step_of(problem: Problem, f: Fit, sigma: np.ndarray, shown: tuple[str, ...])
         inner = fit(problem.subset(seen), f.structure, of_runs(f, seen), REFIT_STEPS // 2)
         left, structure = problem.subset(out), Structure(inner.model, ())
         point = of_runs(f, out)
-        start = Point(np.empty(0), point.paths, point.power, tuple(p for p in point.processes if p.kind != RUN_TO_RUN), point.touching)
+        start = replace(point, theta=np.empty(0), processes=tuple(p for p in point.processes if p.kind != RUN_TO_RUN))
         rest = residuals(left, fit(left, structure, start, REFIT_STEPS // 2), sigma)
         held, held_errors = rms(np.concatenate(rest)), by_channel(left, rest)
     whole = rms(np.concatenate(r))
@@ -76,7 +77,7 @@ def left_out(problem: Problem) -> tuple[list[int], list[int]]:
 def of_runs(f: Fit, which: Sequence[int]) -> Point:
     """Where a fit stands in some of the runs."""
     touching = tuple(f.touching[i] for i in which) if f.touching is not None else None
-    return Point(f.theta, tuple(f.paths[i] for i in which), f.power, f.processes, touching)
+    return replace(f.point, paths=tuple(f.paths[i] for i in which), touching=touching)
 
 
 def rms(r: np.ndarray) -> float:

@@ -12,10 +12,11 @@ from ..checks import Finding
 from ..core.effects.stand_in import VARIABLES
 from ..core.state import COORDINATES
 from ..estimation import columns
+from ..estimation import fit as end_to_end
 from ..estimation.kalman import LinearRun
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
-from ..estimation.shooting import ANEW, FIRST_POWER, NO_POWER, Fit, Point, fit, linearise_all, weigh
+from ..estimation.shooting import ANEW, FIRST_POWER, FLOWN_STEPS, NO_POWER, Fit, exactly, fit, linearise_all, weigh
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import background, placed
@@ -107,7 +108,7 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
         if not state.fit.model.carries_states and structure.model.carries_states:
             paths = tuple(problem.for_runs(lambda i, s=structure, p=paths: columns.carried(problem, s, i, p[i])))
     beside = found.background
-    new = fit(problem, structure, Point(theta, paths, beside.power, beside.processes, state.fit.touching), steps)
+    new = fit(problem, structure, replace(state.fit.point, theta=theta, paths=paths, power=beside.power, processes=beside.processes), steps)
     labels = " + ".join(m.name for m in found.members)
     price = state.price + sum(m.price(family) for m in found.members)
     grown = replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
@@ -151,6 +152,23 @@ def with_law(task: Task, state: State, law: Law) -> State:
     price = state.price + law.table.occam + law_price()
     grown = replace(state, fit=new, added=(*state.added, law.name), price=price, freedom=freedom)
     return grown.told(f"any force in {law.acts_on} on {law.variable}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (gain {law.gain:.0f})")
+
+
+def taken_exactly(task: Task, state: State) -> State:
+    """The state with contact taken exactly, where that leaves nothing but noise; else as it was.
+
+    Until the physics is right, blows are forgiven and only what is read outside a contact counts: then a shaken rig is no friction.
+    """
+    problem, f = task.problem, state.fit
+    if f.exact or f.touching is None or not any(t.any() for t in f.touching):
+        return state
+    found = {p.on: p.size for p in f.processes if p.kind == background.WHITE and p.on not in task.given}
+    problem = problem.with_sigma(problem.sigma * [found.get(c, 1.0) for c in problem.channels])
+    whole = end_to_end.fit(problem, f.structure, f.states, f.theta, FLOWN_STEPS)
+    if not whole.leaves_noise:
+        return state
+    new = exactly(task.problem, f.structure, f.point, REFIT_STEPS, whole)
+    return replace(state, fit=new).told(f"contact taken exactly: deviance {new.deviance:.0f}")
 
 
 def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:

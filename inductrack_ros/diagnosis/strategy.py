@@ -21,6 +21,7 @@ from .moves import (
     settled,
     shaken,
     surely_needed,
+    taken_exactly,
     with_law,
     without,
 )
@@ -51,7 +52,8 @@ def _repeated(task: Task, state: State, name: str, stage: Stage) -> State:
 
 
 def add_background(task: Task, state: State) -> State:
-    """Add what log and rig do besides, as far as it pays; take out what no longer does."""
+    """Add what log and rig do besides, as far as it pays; take out what no longer does. Contact is exact where that leaves noise."""
+    state = taken_exactly(task, state)
     new = background.improved(task.problem, background.lean(task.problem, state.fit, task.given), task.given, task.hints, task.tell)
     kinds = ", ".join(dict.fromkeys(f"{p.kind} {p.on}".strip() for p in new.processes)) or "nothing"
     return replace(state, fit=new).told(f"beside the model: {kinds}; deviance {new.deviance:.0f}")

@@ -16,9 +16,10 @@ import numpy as np
 from ..core.effects.stand_in import basis
 from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
+from . import fit as end_to_end
 from .kalman import Columns, Filtered, LinearRun, Smoothed, run_filter, run_smoother
 from .problem import GRID, STATE_PRIOR, Problem, RunData
-from .processes import Process, augmented, offsets, resized, tightened, told, variances
+from .processes import IMPACT, Process, augmented, offsets, resized, tightened, told, variances
 from .response import STATE_STEPS, VARIABLES, gap_geometry
 from .structure import Structure
 
@@ -46,18 +47,22 @@ POWER_STEPS, RESTING = 3, 0.3
 TOLERANCE = 0.5
 #: So many steps that gain nothing end a fit.
 IDLE = 2
+#: A power (m²/s³, rad²/s³) at which trajectories have no defects but what the integration's tolerance leaves; steps of a fit from
+#: end to end that looks for such trajectories.
+QUIET, FLOWN_STEPS = 1e-8, 15
 
 
 @dataclass(frozen=True)
 class Point:
     """Where a fit stands: theta (g,), each run's trajectory (n, N), the disturbances' power (4,), the processes beside
-    them, and where each run touches the track (n,), once that is settled."""
+    them, where each run touches the track (n,), once that is settled, and whether contact is taken ``exactly`` (see `exactly`)."""
 
     theta: np.ndarray
     paths: tuple[np.ndarray, ...]
     power: np.ndarray
     processes: tuple[Process, ...] = ()
     touching: tuple[np.ndarray, ...] | None = None
+    exact: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,7 @@ class Fit:
     converged: bool
     processes: tuple[Process, ...] = ()
     touching: tuple[np.ndarray, ...] | None = None
+    exact: bool = False
 
     @property
     def values(self) -> dict[str, float]:
@@ -102,7 +108,7 @@ class Fit:
     @property
     def point(self) -> Point:
         """Where it stands."""
-        return Point(self.theta, self.paths, self.power, self.processes, self.touching)
+        return Point(self.theta, self.paths, self.power, self.processes, self.touching, self.exact)
 
 
 @dataclass(frozen=True)
@@ -497,12 +503,53 @@ def fit(problem: Problem, structure: Structure, point: Point | None = None, step
     for a run that would fare worse for it. From the data it is done twice: where the runs touch the track the first time tells.
     """
     if point is not None:
-        return _descended(problem, structure, point, steps)
+        return (exactly if point.exact else _descended)(problem, structure, point, steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
     point = Point(np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes))
     first = _descended(problem, structure, point, steps)
     touching = tuple(s.touching for s in linearise_all(problem, first))
     return _descended(problem, structure, replace(first.point, processes=tightened(first.processes), touching=touching), steps)
+
+
+def exactly(problem: Problem, structure: Structure, point: Point, steps: int = STEPS, whole: end_to_end.Fit | None = None) -> Fit:
+    """A fit with contact taken at its word: no blow is forgiven, and what is read during a contact counts like the rest.
+
+    Where nothing shakes the rig this is the deterministic fit, and friction and lift during a contact are known as well as the data
+    know them. Where something does, a node's noise in a stiff contact looks like a normal force, and the fit is not to be believed.
+    Gauss–Newton steps from node to node may end with defects left over a stiff contact; a fit from end to end (``whole``) has none, and
+    is gone on from where it leaves nothing but noise, or where that ends lower.
+    """
+    touching = tuple(np.zeros(len(path), bool) for path in point.paths)
+    point = replace(point, processes=tuple(p for p in point.processes if p.kind != IMPACT), touching=touching, exact=True)
+    whole = whole or end_to_end.fit(problem, structure, [path[0, :8] for path in point.paths], point.theta, FLOWN_STEPS)
+
+    def from_flown() -> Fit:
+        paths = tuple(problem.for_runs(lambda i: flown(problem, structure, i, whole.theta, whole.states[i])))
+        power = np.full(4, QUIET) * problem.model.moving
+        return _descended(problem, structure, replace(point, theta=whole.theta, paths=paths, power=power), steps)
+
+    if whole.leaves_noise:
+        return from_flown()
+    f = _descended(problem, structure, point, steps)
+    return min(f, from_flown(), key=lambda x: x.deviance) if whole.chi2 < f.deviance else f
+
+
+def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """The trajectory (n, N) of run i that the model flies from an initial state (8,), node by node."""
+    data, model = problem.runs[i], structure.model
+    P = problem.vectors(structure, i, theta[None])
+    path, outputs, still = np.zeros((len(data.grid), len(model.kernel.states))), np.empty((2, 1, len(OUTPUTS))), np.zeros((1, len(model.kernel.states)))
+    path[0, :8] = state
+    if model.carries_states:
+        path[0] = model.with_effect_states(path[0], P=P[0], pulses=None if data.averaged else data.pulses)
+    ends = np.empty((2, 1, path.shape[1]))
+    for k in range(len(path) - 1):
+        model.kernel.linearise_pieces(
+            data.grid[k : k + 2], path[k : k + 2], still, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
+            outputs, ends,
+        )  # fmt: skip
+        path[k + 1] = ends[0, 0]
+    return path
 
 
 def _descended(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
@@ -517,8 +564,9 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
         point = new
     evidence, now = best
     return Fit(
-        structure, now.theta, now.paths, now.power, evidence.deviance, evidence.chi2, evidence.covariance, idle == IDLE, now.processes, now.touching
-    )
+        structure, now.theta, now.paths, now.power, evidence.deviance, evidence.chi2, evidence.covariance, idle == IDLE, now.processes, now.touching,
+        now.exact,
+    )  # fmt: skip
 
 
 def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Evidence, Point, Point]:
@@ -544,4 +592,4 @@ def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Evidenc
         return best[1]
 
     now = replace(point, power=settled.power, processes=settled.processes)
-    return settled.evidence, now, Point(theta, tuple(problem.for_runs(path)), settled.next_power, settled.next_processes, point.touching)
+    return settled.evidence, now, replace(point, theta=theta, paths=tuple(problem.for_runs(path)), power=settled.next_power, processes=settled.next_processes)
