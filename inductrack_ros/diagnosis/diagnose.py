@@ -60,10 +60,10 @@ def diagnose(
     state = add_background(task, State(base))
     state = search(task, state)
     notes += [STOPPED[state.stopped]] if state.stopped else []
-    return _told(campaign, task, state, base, undetermined, notes, began)
+    return diagnosis_of(campaign, task, state, base, undetermined, notes, began)
 
 
-def _told(campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float) -> Diagnosis:
+def diagnosis_of(campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float) -> Diagnosis:
     """The diagnosis that the end of a search is."""
     problem, f = task.problem, state.fit
     effects = tuple(n for n in state.added if not n.startswith("stand_in"))
