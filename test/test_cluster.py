@@ -17,9 +17,11 @@ from inductrack_ros import workers as workers_module
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.deterministic import base_fit
-from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.moves import State, Task, all_refitted
+from inductrack_ros.diagnosis.screening import screen
 from inductrack_ros.estimation.ensemble import ensemble
+from inductrack_ros.estimation.shooting import linearise_all
 from inductrack_ros.workers import workers
 
 CAMPAIGN = Path(__file__).parent / "data" / "practice" / "p7_sensor"
@@ -81,18 +83,17 @@ def test_an_ensemble_with_a_killed_worker(scheduler, tmp_path, monkeypatch, side
 def test_the_refits_of_a_diagnosis_with_a_killed_worker(scheduler, tmp_path):
     campaign = load_campaign(CAMPAIGN)
     problem, base, _ = base_fit(replace(campaign, runs=campaign.runs[:3]), Model.default())
-
-    def grown(hands=None):
-        search = Search(problem, base, workers=hands)
-        return search.grow(search.trials[frozenset()], 3)
-
-    here = grown()
+    state, systems = State(base), linearise_all(problem, base)
+    screening = screen(problem, base, systems)
+    sets = [s for s in screening.sets if len(s.members) == 1][:3]
+    here = all_refitted(Task(problem), state, sets, screening.family)
     with workers(scheduler) as cluster:
-        there = grown(Deadly(cluster, tmp_path / "killed", at=1))
+        hands = Deadly(cluster, tmp_path / "killed", at=1)
+        there = all_refitted(Task(problem, workers=hands), state, sets, screening.family)
     assert (tmp_path / "killed").exists()
     assert len(here) == 3
     for a, b in zip(here, there, strict=True):
-        assert (a.names, a.chi2, a.fit.theta.tolist()) == (b.names, b.chi2, b.fit.theta.tolist())
+        assert (a.added, a.fit.deviance, a.fit.theta.tolist()) == (b.added, b.fit.deviance, b.fit.theta.tolist())
         assert np.array_equal(a.fit.covariance, b.fit.covariance)
 
 

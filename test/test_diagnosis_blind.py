@@ -3,18 +3,13 @@
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from independent import campaigns
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data.campaign import load_campaign
-from inductrack_ros.diagnosis.deterministic import base_fit
-from inductrack_ros.diagnosis.search import Search
-from inductrack_ros.diagnosis.unknown import stand_ins
-from inductrack_ros.estimation.anew import each_run_anew
-from inductrack_ros.estimation.fit import fit
-from inductrack_ros.estimation.structure import Structure
+from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.moves import State, Task, taken_exactly
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -73,22 +68,14 @@ def test_a_faint_known_effect_beside_a_strong_unknown_force():
     assert row["found"] == ["aerodynamic_drag"] and row["found_unknown"] == ["sway", ["surge"]]
 
 
-def test_a_force_of_any_shape_that_does_what_a_known_effect_does(tmp_path):
-    """Heave damping is a force in heave on heave_rate, and is recognised there."""
-    assert campaigns.write_campaign(tmp_path / "rig", 16013)["effects"] == ["heave_damping"]
-    problem, base, _ = base_fit(load_campaign(tmp_path / "rig"), Model.default())
-    search = Search(problem, base)
-    force = stand_ins(search, search.trials[frozenset()])[0]
-    assert force.label == "stand_in_heave" and search.gate(force).adequate
-    assert search.recognise(force, force.label)[0].label == "heave_damping"
-
-
 def test_impacts_in_the_first_moments_of_runs_with_accelerometers(tmp_path):
     """A complete model is found again, and the jump of an accelerometer at an impact does not pass for knowledge."""
     truth = campaigns.write_campaign(tmp_path / "rig", 8285, kind="nothing")
     assert min(t for t in truth["first_contacts"] if t) < 0.15 and "heave_acceleration" in truth["plan"]["channels"]
-    _, fit, _ = base_fit(load_campaign(tmp_path / "rig"), Model.default())
-    assert fit.reduced_chi2 < 1.05
+    campaign = load_campaign(tmp_path / "rig")
+    problem, base, _ = base_fit(campaign, Model.default())
+    fit = taken_exactly(Task(problem, tuple(campaign.noise_std)), State(base)).fit
+    assert fit.exact and fit.chi2 < 1.05 * sum(len(d.y) for d in problem.runs)
     for name, value in fit.values.items():
         assert abs(value - truth["parameters"][name]) < 4 * fit.deviations[name]
 
@@ -103,18 +90,3 @@ def test_a_trapped_run_is_no_missing_effect():
     """One of fourteen runs misses by 87 µm of its start's height, 80 of its standard deviations; no horizon by itself leads out of there."""
     row = run(18607, None)
     assert row["right"], row
-
-
-def test_a_run_that_an_impact_has_trapped_is_freed(tmp_path):
-    """The accelerometers see an impact between two samples; 40 µm higher it is between two others, and every step away is worse."""
-    truth = campaigns.write_campaign(tmp_path / "c", 18345)
-    problem, base, _ = base_fit(load_campaign(tmp_path / "c"), Model.default())
-    structure = base.structure.plus("sensor_scale:surge_acceleration")
-    known = structure.with_theta(structure.encode([truth["parameters"][n] for n in structure.free]))
-    alone = problem.subset([8])
-    state = np.array([-2.54e-5, 7.439e-4, -3.73828e-3, 2.7886e-3, 27.69872, -6.92e-5, 1.3048e-3, 4.463e-4])
-    trapped = fit(alone, Structure(known, ()), [state], iterations=60)
-    freed = each_run_anew(alone, trapped)
-    assert trapped.converged and trapped.chi2 > trapped.samples + 75
-    assert freed.chi2 < trapped.chi2 - 80
-    assert each_run_anew(alone, freed) is freed

@@ -11,10 +11,7 @@ from scipy.integrate import solve_ivp
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.deterministic import base_fit
 from inductrack_ros.diagnosis.diagnose import diagnose
-from inductrack_ros.diagnosis.search import Search
-from inductrack_ros.diagnosis.seek import QUICK_FIRST
 
 MASS, GRAVITY, FALL, REST, DAMPING = 0.107, 9.81, 5.3e-3, 11.3e-3, 0.8  # kg, m/s², m, m, N·s/m
 NOMINAL_GAP = 10e-3
@@ -62,25 +59,19 @@ def test_noise_is_taken_anew_once_the_misfit_is_gone(tmp_path):
     assert found.noise["heave"] == pytest.approx(3e-5, rel=0.2)
 
 
-WHEELS = "an elastic frame or wheels, candidates since 2026-11-28, explain more of a wrong law of lift than the damping does"
+@pytest.mark.xfail(strict=True, reason="known effects imitate the rest of a law of lift beyond their range; what is named first is right")
+def test_damping_is_found_beside_a_wrong_law_of_lift(tmp_path):
+    """A force in heave on heave is what is wrong; the search finds it, and a harmonic besides that only helps it along."""
+    campaign = plate(tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}}, curl=0.2)
+    found = diagnose(campaign, Model.load(campaign.model))
+    assert found.verdict == "unknown_effect" and found.unknown.channel == "heave"
+    value, deviation = found.parameters["heave_damping.coefficient"]
+    assert value == pytest.approx(DAMPING, abs=4 * deviation)
+    assert found.effects == ("heave_damping",)
 
 
-@pytest.mark.xfail(strict=True, reason=WHEELS)
-@pytest.mark.parametrize(("warming", "noise_std"), [(0.0, {"noise_std": {"heave": 3e-5}}), (0.1, {})])
-def test_damping_comes_first_where_no_effect_leaves_noise(tmp_path, warming, noise_std):
-    """To a sensor that reads to 0.1 mm every real rig is wrong in several ways; over its first tenths of a second others explain as much."""
-    campaign = plate(tmp_path, lambda height: np.round(height, 4), noise_std, warming=warming, curl=0.2)
-    problem, base, _ = base_fit(campaign, Model.load(campaign.model))
-    search = Search(problem, base)
-    grown = search.grow(search.trials[frozenset()], QUICK_FIRST)
-    assert grown[0].names == ("heave_damping",) and grown[0].fit.rough
-    assert grown[0].chi2 < 0.2 * min(base.chi2, grown[1].chi2)
-
-
-@pytest.mark.xfail(strict=True, reason="readings rounded to 0.1 mm are a finding now, and the search over samples is not made for a model so far off")
+@pytest.mark.xfail(strict=True, reason="a lift that also fades in time: wheels and an elastic frame, far off their usual sizes, are named")
 def test_damping_is_named_and_something_is_left(tmp_path):
     campaign = plate(tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}}, warming=0.05, curl=0.3)
     found = diagnose(campaign, Model.load(campaign.model))
     assert found.verdict == "unknown_effect" and found.effects[:1] == ("heave_damping",)
-    assert any("is a lead" in note for note in found.notes)
-    assert found.steps[1].effects == ("heave_damping",) and found.steps[0].reduced_chi2 > 5 * found.steps[1].reduced_chi2

@@ -10,8 +10,8 @@ import pytest
 from test_reports_browser import BROWSER, open_page
 
 from inductrack_ros.core.model import Model
-from inductrack_ros.diagnosis.gate import Test as GateTest
 from inductrack_ros.diagnosis.result import Diagnosis, Limit, Proposal, Rival, RunTraces, Step, Unknown
+from inductrack_ros.diagnosis.result import Test as ScoreTest
 from inductrack_ros.reports.diagnosis_report import diagnosis_report
 from inductrack_ros.reports.diagnosis_words import verdict
 
@@ -69,7 +69,7 @@ def made(effects: tuple[str, ...] = (), **others) -> Diagnosis:
             rivals=tuple(rivals),
             noise=NOISE,
             noise_given=("surge",),
-            tests=(GateTest("whiteness of heave", 12.0, 12, -0.8),),
+            tests=(ScoreTest("whiteness of heave", 12.0, 12, -0.8),),
             p_value=0.4,
             traces=tuple(traces),
         ),

@@ -12,9 +12,11 @@ import numpy as np
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.deterministic import base_fit
-from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.moves import State, Task, refitted
+from inductrack_ros.diagnosis.screening import screen
 from inductrack_ros.estimation.ensemble import ensemble
+from inductrack_ros.estimation.shooting import linearise_all
 
 from .many_runs import SPEEDS, TIMES, draw
 from .refits import CAMPAIGN
@@ -47,14 +49,17 @@ def measure(quick: bool, bag_seconds: float | None = None) -> dict:
     times = [np.linspace(0.0, 3.0, n) for n in (1501, 3001, 6001, 12001, 24001)]  # each row a step: fewer are not cheaper
     found["samples of a run"] = [t.size for t in times], [_seconds(lambda t=t: model.simulate(t, states[0]), 3 * repeats) for t in times]
     problem, base, _ = base_fit(load_campaign(CAMPAIGN), model)
-    search = Search(problem, base)
-    root = search.trials[frozenset(base.structure.effects)]
-    screened = sorted(search.screened(root), key=lambda s: len(s.candidate.starts))
-    single = [s for s in screened if len(s.candidate.starts) == 1]
+    state, systems = State(base), linearise_all(problem, base)
+    screening = screen(problem, base, systems)
+    single = [s for s in screening.sets if len(s.members) == 1 and not s.members[0].start]
     counts = [2, 4, 8, 16]
-    for s in single[: counts[-1]]:  # what is done but once is not what grows
-        search._first_step(root, s)
-    found["candidates, a step of a refit each"] = counts, [_seconds(lambda n=n: [search._first_step(root, s) for s in single[:n]], 1) for n in counts]
+
+    def steps(n: int) -> None:
+        for s in single[:n]:
+            refitted(Task(problem), state, s, screening.family, 1)
+
+    steps(counts[-1])  # what is done but once is not what grows
+    found["candidates, a step of a refit each"] = counts, [_seconds(lambda n=n: steps(n), 1) for n in counts]
     result = {"cost": {n: {"sizes": s, "seconds": c, "exponent": _exponent(s, c)} for n, (s, c) in found.items()}}
     if not quick:
         long = bag_seconds or 120.0

@@ -16,11 +16,12 @@ from threadpoolctl import threadpool_limits
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.deterministic import base_fit
-from inductrack_ros.diagnosis.diagnose import diagnose
-from inductrack_ros.diagnosis.search import Search
+from inductrack_ros.diagnosis.diagnose import base_fit, diagnose
+from inductrack_ros.diagnosis.moves import State, Task, refitted, settled
+from inductrack_ros.diagnosis.screening import screen
 from inductrack_ros.estimation.fit import fit_from_scratch
 from inductrack_ros.estimation.problem import STATE_PRIOR, Problem
+from inductrack_ros.estimation.shooting import linearise_all
 from inductrack_ros.estimation.structure import Structure
 
 from .timing import in_turn, ratios, spread
@@ -82,28 +83,25 @@ def measure(quick: bool) -> dict:
     unknowns = len(base.theta) + sum(len(d.free_states) for d in problem.runs)
     result = {"fit": {
         "ours": spread(times["ours"]), "chi2": reached["ours"].chi2, "peer": spread(times["least_squares"]), "peer_chi2": reached["peer"][0],
-        "peer_calls": reached["peer"][1], "ratio": ratios(times, "ours")["least_squares"]["best"], "samples": base.samples, "unknowns": unknowns,
+        "peer_calls": reached["peer"][1], "ratio": ratios(times, "ours")["least_squares"]["best"], "samples": reached["ours"].samples, "unknowns": unknowns,
     }}  # fmt: skip
     if quick:
         return result
     whole, found = seconds(lambda: diagnose(campaign, model))
-    search = Search(problem, base)
-    screened = search.screened(search.trials[frozenset(structure.effects)])
+    state = State(base)
+    screening = screen(problem, base, linearise_all(problem, base))
+    candidates = {s.members[0].name: s for s in screening.sets if len(s.members) == 1}
     refits = []
-    for s in screened[:2]:  # the most promising: each takes the peer half a minute
-        grown = structure.plus(s.candidate.name, s.candidate.starts[0])
+    for name in [n for n, s in candidates.items() if not s.members[0].start][:2]:  # the most promising: each takes the peer half a minute
+        grown = structure.plus(name)
         theta = np.concatenate([base.theta, grown.start[len(base.theta) :]])
         t, (chi2, calls) = seconds(lambda g=grown, th=theta: peer(alone, g, th, list(base.states)))
-        refits.append({"effect": s.candidate.name, "seconds": t, "chi2": chi2, "calls": calls})
-    ones = {next(iter(k)): t for k, t in search.trials.items() if len(k) == 1}
-    grown = search.grow(search.trials[frozenset(structure.effects)], 4)
-    ones |= {t.names[-1]: t for t in grown}
-    for r in refits:
-        r["our_chi2"] = search.finish(ones[r["effect"]]).chi2 if r["effect"] in ones else None
+        ours = settled(Task(problem), refitted(Task(problem), state, candidates[name], screening.family)).fit
+        refits.append({"effect": name, "seconds": t, "chi2": chi2, "calls": calls, "our_chi2": ours.chi2})
     rounds = 1 + len(found.effects)  # every candidate once for each effect that is found, and once more to see that none is left
-    reckoned = rounds * len(screened) * float(np.mean([r["seconds"] for r in refits]))
+    reckoned = rounds * len(candidates) * float(np.mean([r["seconds"] for r in refits]))
     result["diagnosis"] = {
-        "ours": whole, "verdict": found.verdict, "effects": list(found.effects), "candidates": len(screened), "rounds": rounds, "refits": refits,
+        "ours": whole, "verdict": found.verdict, "effects": list(found.effects), "candidates": len(candidates), "rounds": rounds, "refits": refits,
         "peer_reckoned": reckoned, "ratio": reckoned / whole,
     }  # fmt: skip
     return result

@@ -115,6 +115,15 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
     return grown.told(f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})")
 
 
+def all_refitted(task: Task, state: State, sets: Sequence[CandidateSet], family: int) -> list[State]:
+    """The state with each of several sets of known effects; a cluster's workers refit them at once."""
+    if isinstance(task.workers, Threads):
+        return [refitted(task, state, s, family) for s in sets]
+    task.say("refitting " + ", ".join(" + ".join(m.name for m in s.members) for s in sets))
+    there = replace(task, tell=lambda _: None, workers=Threads(), until=np.inf)
+    return task.workers.map(lambda s: refitted(there, state, s, family), list(sets))
+
+
 def _first_step(structure: Structure, member: Candidate, sizes: np.ndarray, count: int) -> np.ndarray:
     """How far the parameters (count,) of a new effect are expected from where they start."""
     if not member.start:
@@ -212,6 +221,6 @@ def rivals(task: Task, state: State, name: str) -> list[State]:
     own = [s for s in screening.sets if len(s.members) == 1 and (s.members[0].name != name or s.members[0].start)]
     reach = state.fit.deviance + NEAR
     near = [s for s in own if s.deviance < reach][:REFITTED]
-    tried = [refitted(task, smaller, s, screening.family) for s in near]
+    tried = all_refitted(task, smaller, near, screening.family)
     close = [settled(task, t) if t.fit.deviance < state.fit.deviance + TWINS * 3 else t for t in tried]
     return sorted(close, key=lambda s: s.cost(task))

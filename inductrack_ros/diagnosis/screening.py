@@ -80,8 +80,8 @@ def names(problem: Problem, structure: Structure) -> list[str]:
     return [n for n in found if n not in structure.effects]
 
 
-def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background], wavy: bool = True) -> Screening:
-    """Every candidate and every small set of them at a fit, beside each of the backgrounds; ``wavy``: waves of the track too."""
+def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background] = (), wavy: bool = True) -> Screening:
+    """Every candidate and every small set of them at a fit, beside each of the backgrounds (the fit's own unless given); ``wavy``: waves of the track too."""
     known = fit.model.known_effects
     somewhere = [n for n in names(problem, fit.structure) if placed.is_placed(known[n.partition(":")[0]])]
     wanted = [n for n in names(problem, fit.structure) if n not in (WAVES, *somewhere)]

@@ -7,17 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from ..core.effects.stand_in import VARIABLES, basis
-from ..core.state import INDEX, STATES
-from ..estimation.fit import Fit
-from ..estimation.problem import Problem
-from ..estimation.structure import ENDS, Structure, roughness
-from .gate import Projector
+from ..estimation.structure import ENDS, roughness
 
 #: Weights of roughness tried, relative to the data's weight on the table.
 WEIGHTS = np.logspace(-9, 9, 37)
-#: A table that is too short is laid so much of its length longer than it must be.
-MARGIN = 0.1
 
 
 @dataclass(frozen=True)
@@ -62,48 +55,3 @@ def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float, plain: np.n
     values = linalg.cho_solve(factor, score)
     told = 2 * np.log(np.diag(factor[0])).sum() - np.log(plain[0, 0] + weight * np.maximum(bends, 0.0)).sum()
     return Smooth(values, weight, float(values @ score - told), max(float(values @ prior @ values), 0.0) + max(float(told), 0.0))
-
-
-def smoothed(problem: Problem, fit: Fit, effect: str) -> tuple[Structure, float]:
-    """A fit's structure with the smoothness of a stand-in's table as the data that were fitted say, and that table's ``occam``."""
-    table = fit.structure.tables[effect]
-    project = Projector(problem, fit, leave=table)
-    scale = fit.structure.scale[table]
-    columns = project(project.stack([part.by_theta[:, table] / scale for part in fit.linear]))
-    best = smoothest(effect, columns, project.residual + columns @ (fit.theta[table] * scale), effect in fit.structure.local)
-    return replace(fit.structure, smoothness={**fit.structure.smoothness, effect: best.weight}), best.occam
-
-
-def covering(problem: Problem, fit: Fit, effect: str) -> tuple[Structure, np.ndarray]:
-    """A fit's structure and theta with a stand-in's table laid anew, as it was and straight on, where the runs go beyond it."""
-    table = fit.model.effects[effect]
-    start, step, count = table["start"], table["step"], int(table["knots"])
-    end = start + (count - 1) * step
-    seen = _histories(problem, fit, VARIABLES[int(table["variable"])])
-    low, high = np.quantile(seen, [0.001, 0.999]) if seen.size else (start, end)
-    if low > start - step and high < end + step:
-        return fit.structure, fit.theta
-    low, high = min(low - MARGIN * (end - low), start), max(high + MARGIN * (high - start), end)
-    u = np.linspace(low, high, 10 * count)
-    inner = np.clip(u, start + 2 * step, end - 2 * step)  # the last of the splines fade out
-    value, further = (basis(x, start, step, count) @ np.array(table["values"])[:count] for x in (inner, inner + 0.1 * step))
-    shape = value + (further - value) / (0.1 * step) * (u - inner)
-    wider = float((high - low) / (count - 1))
-    coefficients = np.linalg.lstsq(basis(u, low, wider, count), shape, rcond=1e-6)[0]
-    effects = {**fit.structure.model.effects, effect: {**fit.structure.model.effects[effect], "start": float(low), "step": wider}}
-    structure, theta = replace(fit.structure, model=fit.structure.model.with_changes(effects=effects)), fit.theta.copy()
-    mine = fit.structure.tables[effect]
-    theta[mine] = coefficients / fit.structure.scale[mine]
-    return structure, theta
-
-
-def _histories(problem: Problem, fit: Fit, variable: str) -> np.ndarray:
-    """What a variable goes through in all runs; empty where it is none of the states, whose range is known from the start."""
-    if variable not in STATES:
-        return np.empty(0)
-
-    def task(i: int) -> np.ndarray:
-        return problem.simulate(fit.structure, i, fit.theta[None], fit.states[i][None])[0][:, INDEX[variable]]
-
-    values = np.concatenate(problem.for_runs(task))
-    return values[np.isfinite(values)]

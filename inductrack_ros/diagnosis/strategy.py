@@ -15,8 +15,8 @@ from .moves import (
     OutOfTime,
     State,
     Task,
+    all_refitted,
     law_price,
-    refitted,
     rivals,
     settled,
     shaken,
@@ -81,7 +81,7 @@ def add_known(task: Task, state: State) -> State:
     if len(state.added) >= MOST_EFFECTS:
         return replace(state.told(f"more than {MOST_EFFECTS} effects would be needed: the model is far from the rig"), far=True)
     tried = promising(screening, plain)
-    found = min((refitted(task, state, s, screening.family) for s in tried), key=lambda s: s.cost(task))
+    found = min(all_refitted(task, state, tried, screening.family), key=lambda s: s.cost(task))
     found = settled(task, found)
     if found.cost(task) > state.cost(task):
         return state.told(f"{' + '.join(found.added)} promises more than it keeps")
