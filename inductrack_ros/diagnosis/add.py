@@ -62,9 +62,10 @@ def add_effect(
     added = min((refitted(task, before, s, 1) for s in starts), key=lambda s: s.cost(task))
     if not math.isfinite(added.fit.deviance):
         raise InputError(f"'{name}' cannot be fitted to these runs: no size of it follows them")
-    added = add_background(task, settled(task, added))
+    added = settled(task, added)
+    gains = added.cost(task) < before.cost(task)  # both before contact is taken exactly, which counts other readings
+    added = add_background(task, added)
     found = diagnosis_of(campaign, task, added, base, undetermined, notes, began)
-    gains = added.cost(task) < before.cost(task)
     verdict = "unknown_effect" if _something_left(task, added) else "missing_effect" if gains else "adequate"
     own = [r for r in found.rivals if r.name == name]
     return replace(found, verdict=verdict, effects=(name,), rivals=tuple(replace(r, chosen=gains) for r in own[:1]))
