@@ -22,6 +22,8 @@ from inductrack_ros.diagnosis.moves import State, Task, all_refitted
 from inductrack_ros.diagnosis.screening import screen
 from inductrack_ros.estimation.ensemble import ensemble
 from inductrack_ros.estimation.shooting import linearise_all
+from inductrack_ros.sweep.axes import read_axes
+from inductrack_ros.sweep.sweep import Plan, sweep
 from inductrack_ros.workers import workers
 
 CAMPAIGN = Path(__file__).parent / "data" / "practice" / "p7_sensor"
@@ -78,6 +80,20 @@ def test_an_ensemble_with_a_killed_worker(scheduler, tmp_path, monkeypatch, side
     assert np.array_equal(here, there)
     one = model.with_changes({n: v[250] for n, v in parameters.items()}).simulate(TIMES, states[250])
     assert np.allclose(here[250], one.outputs, rtol=0, atol=1e-9) if side_by_side else np.array_equal(here[250], one.outputs)
+
+
+def test_a_sweep_under_conditions(scheduler):
+    """Starts, runs and what is read off them, on the workers; the model's conditions travel with it."""
+    model = Model.create(effects={"track_temperature": {"coefficient": 3.9e-3}}, conditions={"track_temperature": 80.0})
+    _, axes = read_axes(["surge_rate=14:22:5"], model)
+    plan = Plan(model, axes, {}, duration=0.3)
+    here = sweep(plan)
+    with workers(scheduler) as cluster:
+        there = sweep(plan, cluster)
+    for name, values in here.values.items():
+        assert np.array_equal(values, there.values[name], equal_nan=True), name
+    cold = sweep(Plan(model.with_changes(conditions={}), axes, {}, duration=0.3))
+    assert (cold.values["travel"] != here.values["travel"]).all()
 
 
 def test_the_refits_of_a_diagnosis_with_a_killed_worker(scheduler, tmp_path):

@@ -52,6 +52,12 @@ def test_a_map_with_planned_runs(tmp_path, capsys, planned):
         assert back["planned_travel"].values[1] == pytest.approx(flown["surge"][-1], rel=1e-9)
 
 
+def test_an_axis_that_changes_nothing_is_said(tmp_path, capsys):
+    """A wave of no height has any length."""
+    assert run(tmp_path, "--over", "guideway_waviness.wavelength=0.5,1", "--over", "surge_rate=20,30") == 0
+    assert "Nothing changes along guideway_waviness.wavelength: the model's other values leave it without effect." in capsys.readouterr().out
+
+
 def test_draws_by_one_axis(tmp_path, capsys, fitted):
     assert run(tmp_path, "--over", "surge_rate=14:40:5", "--model", fitted, "--samples", "6") == 0
     page = (tmp_path / "maps" / "report.html").read_text()

@@ -36,6 +36,7 @@ from .campaign_keys import (
     shown,
 )
 from .csv_files import read_csv
+from .limits import Limits, read_limits
 from .measurement import Run
 
 FILE = "campaign.yaml"
@@ -51,6 +52,7 @@ class Campaign:
     free: names of the parameters a fit may move besides initial states
     dof: what moves: 1, 2, 4 or names of coordinates, or None where the campaign leaves that to the model
     remarks: what is to be said of the campaign as a whole, one line each
+    limits: what a run of the rig may not leave
     """
 
     name: str
@@ -61,6 +63,7 @@ class Campaign:
     free: tuple[str, ...] = FREE
     dof: int | tuple[str, ...] | None = None
     remarks: tuple[str, ...] = ()
+    limits: Limits = field(default_factory=Limits)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -129,6 +132,7 @@ def load_campaign(folder: str | Path, gravity: float = frames.GRAVITY) -> Campai
         model=read_model(mapping, file.parent),
         free=read_free(mapping),
         dof=read_dof(mapping),
+        limits=read_limits(mapping),
     )
 
 

@@ -50,6 +50,10 @@ KEYS = {
         f"1, 2, 4, or a list out of {', '.join(COORDINATES)}", "the model's",
         "the coordinates that move; 1: heave, 2: surge and heave, 4: all. The others are held",
     ),
+    "limits": Key(
+        "state or `drive_current`: [least, most], SI; `contact`: true or false", "none; with any, `contact` is false",
+        "what a run of the rig may not leave: the run that a diagnosis proposes stays within it from start to end",
+    ),
 }  # fmt: skip
 RUN_KEYS = {
     "file": Key("file or folder, from the campaign's folder", "needed", "a CSV, a rosbag2 folder, or one of its files"),

@@ -1,7 +1,7 @@
 """The run that would settle what is open: T-optimal design over a menu (Atkinson and Fedorov).
 
 For each run of the menu the truth is taken to be the chosen model; each rival is given its best chance by refitting the run's initial state
-and its parameters within what is known of them, and what difference remains is its separation in sigmas.
+and its parameters within what is known of them, and what difference remains is its separation in sigmas. No run leaves the limits that the campaign gives.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.state import GAPS, INDEX, STATES
+from ..data.limits import Limits
 from ..data.measurement import Run
 from ..estimation import fit as deterministic
 from ..estimation.problem import Problem, lay_out
@@ -27,6 +28,8 @@ SPEEDS = (12.0, 16.0, 20.0, 26.0, 34.0, 42.0)
 CURRENTS = (0.0, 3500.0, 7000.0)
 OFFSETS = ((0.0, 0.0, 0.0), (1e-3, 3e-3, 4e-3))  # heave over equilibrium, sway (m), roll (rad)
 DURATIONS = (1.0, 3.0)
+#: A rig with limits may have to end a run sooner.
+SHORT = (0.3,)
 RATE = 250.0
 #: Runs that set every rival apart by so many sigmas will do; no wilder ones are looked at then.
 ENOUGH = 8.0
@@ -55,19 +58,30 @@ def propose(
         return Proposal(*shape, {n: _separation(*made, f, undetermined) for n, f in rivals.items()})
 
     best, most = None, 0.0
-    for contact, duration, current, offsets in product((False, True), DURATIONS, CURRENTS, OFFSETS):  # the gentlest first
-        found = at_once(tried, [(speed, current, offsets, duration, contact) for speed in SPEEDS])
+    limits = problem.limits
+    speeds, currents = menu(limits, "surge_rate", SPEEDS), menu(limits, "drive_current", CURRENTS)
+    durations = (*SHORT, *DURATIONS) if limits.ranges else DURATIONS
+    for contact, duration, current, offsets in product((False, True) if limits.contact else (False,), durations, currents, OFFSETS):  # the gentlest first
+        found = at_once(tried, [(speed, current, offsets, duration, contact) for speed in speeds])
         for proposal in [p for p in found if p is not None]:
             if (apart := min(proposal.sigmas.values())) > most:
                 best, most = proposal, apart
         if most > ENOUGH:
             break
     if best is None:
-        return None, None
+        return ("no run within the campaign's limits sets apart what is open" if limits.ranges else None), None
     gains = ", ".join(f"{n} by {s:.1f} sigmas" for n, s in best.sigmas.items())
     if min(best.sigmas.values()) < 3.0:
         return f"no single run of this kind settles it; the best ({best.words}) sets apart {gains}. {_other_means(twins)}", best
     return f"{best.words}: sets apart {gains}", best
+
+
+def menu(limits: Limits, name: str, usual: Sequence[float]) -> tuple[float, ...]:
+    """As many values as usual, spread over the rig's limits where it has any."""
+    if name not in limits.ranges:
+        return tuple(usual)
+    low, high = limits.ranges[name]
+    return tuple(min(max(float(f"{v:.3g}"), low), high) for v in np.linspace(low, high, len(usual)))
 
 
 def _made(problem: Problem, model: Model, speed, current, offsets, duration, contact: bool) -> tuple[Problem, np.ndarray] | None:
@@ -83,6 +97,8 @@ def _made(problem: Problem, model: Model, speed, current, offsets, duration, con
     values = np.column_stack([made[c] for c in problem.channels])
     gaps = np.array([made[g] for g in GAPS])
     if not np.isfinite(values).all() or (gaps.min() < 0) != contact:
+        return None
+    if not all(problem.limits.allow(s, made[s]) for s in STATES):
         return None
     single = problem.subset([0])
     given = {s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)}  # as in the runs so far

@@ -140,13 +140,13 @@ def _first_guess(run: Run, model: Model, dof: int) -> np.ndarray:
 class Problem:
     """All runs of a campaign with the noise of each channel, ready to be predicted and fitted.
 
-    ``sigma`` (c,) is the noise by channel in the order of ``channels``; ``runs`` are `RunData`. A subset of runs is
+    ``sigma`` (c,) is the noise by channel in the order of ``channels``; ``runs`` are `RunData`; ``limits`` are the rig's. A subset of runs is
     another `Problem` that shares everything (`subset`).
     """
 
     def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float], threads: int | None = None):
         self.channels = campaign.channels
-        self.dof = campaign.dof or model.dof
+        self.dof, self.limits = campaign.dof or model.dof, campaign.limits
         self.model = model if model.dof == self.dof else model.with_changes(dof=self.dof)
         self.sigma = np.array([sigma[c] for c in self.channels])
         self.runs = tuple(lay_out(run, self.model, self.channels, self.dof) for run in campaign.runs)

@@ -43,7 +43,7 @@ def verdict(report: SweepReport) -> str:
     count, seconds = int(flown.sum()), f"{sweep.plan.duration:g} s"
     part = f"all {count}" if clear.sum() == count else "none" if not clear.any() else f"{int(clear.sum())} of {count}"
     said = f"Over {seconds} {part} runs fly clear of the track" if part != "none" else f"Over {seconds} every one of {count} runs touches the track"
-    return said + "." + _edge_words(sweep)
+    return said + "." + _idle_words(sweep) + _edge_words(sweep)
 
 
 def render(report: SweepReport) -> str:
@@ -102,6 +102,17 @@ def _placed_words(placed: Sequence[Placed]) -> str:
     missing = [p.run.name for p in placed if p not in flown or not p.on_the_map]
     few = listed(missing) if len(missing) <= 3 else f"{len(missing)} of them"
     return said + (f" Too little is known of {few} to draw." if missing else "")
+
+
+def _idle_words(sweep: Sweep) -> str:
+    """Axes along which nothing changes at all."""
+    idle = [a.name for k, a in enumerate(sweep.plan.axes) if all(_same_along(v, k) for v in sweep.values.values())]
+    return f" Nothing changes along {listed(idle)}: the model's other values leave it without effect." if idle else ""
+
+
+def _same_along(values: np.ndarray, axis: int) -> bool:
+    first = np.take(values, [0], axis)
+    return bool(np.isclose(values, first, rtol=1e-7, atol=1e-9, equal_nan=True).all())
 
 
 def _edge_words(sweep: Sweep) -> str:
