@@ -14,6 +14,7 @@ from scipy import stats
 
 from ..checks import Finding
 from ..estimation.kalman import LinearRun
+from ..estimation.likelihood import Point, Settled, settle
 from ..estimation.problem import Problem
 from ..estimation.processes import (
     COLOURED,
@@ -29,7 +30,7 @@ from ..estimation.processes import (
     Process,
 )
 from ..estimation.scores import Background
-from ..estimation.shooting import Fit, Point, Settled, fit, linearise_all, settle
+from ..estimation.shooting import Fit, fit, linearise_all
 from .settings import LEVEL, REFIT_STEPS
 
 #: Passes of the search for the sizes of processes at one linearisation.

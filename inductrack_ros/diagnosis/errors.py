@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.state import INDEX
+from ..estimation.likelihood import Point, settle
+from ..estimation.linear import outputs_of
 from ..estimation.problem import Problem, RunData
 from ..estimation.processes import RUN_TO_RUN, STATES
-from ..estimation.shooting import Fit, Point, fit, linearise_all, outputs_of, settle
+from ..estimation.shooting import Fit, fit, linearise_all
 from ..estimation.structure import Structure
 from .result import RunTraces, Step
 from .settings import REFIT_STEPS

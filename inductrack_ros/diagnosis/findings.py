@@ -10,9 +10,10 @@ import numpy as np
 from ..checks import NOTE, SET_ASIDE, WARNING, Finding
 from ..checks.finding import number, quantity
 from ..core.state import COORDINATES
+from ..estimation.likelihood import settle
 from ..estimation.problem import Problem
 from ..estimation.processes import COLOURED, HUM, JITTER, RUN_TO_RUN, WHITE, Process
-from ..estimation.shooting import Fit, linearise_all, settle
+from ..estimation.shooting import Fit, linearise_all
 from . import background
 from .errors import of_runs, own_thetas
 from .moves import State, Task, shaken

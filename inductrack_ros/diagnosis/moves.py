@@ -14,9 +14,10 @@ from ..core.state import COORDINATES
 from ..estimation import columns
 from ..estimation import fit as end_to_end
 from ..estimation.kalman import LinearRun
+from ..estimation.likelihood import NO_POWER, weigh
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
-from ..estimation.shooting import ANEW, FIRST_POWER, FLOWN_STEPS, NO_POWER, Fit, exactly, fit, linearise_all, weigh
+from ..estimation.shooting import ANEW, FIRST_POWER, FLOWN_STEPS, Fit, exactly, fit, linearise_all
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import background, placed

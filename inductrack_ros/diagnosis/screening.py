@@ -14,10 +14,12 @@ from ..core.effects.stand_in import basis
 from ..core.state import COORDINATES, MOVING
 from ..estimation import columns
 from ..estimation.kalman import Columns, LinearRun, run_filter
+from ..estimation.likelihood import NO_POWER
+from ..estimation.linear import acting, force_columns, histories, outputs_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.scores import Background, Scores, scores, widened
-from ..estimation.shooting import NO_POWER, Fit, acting, force_columns, histories, outputs_of
+from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from . import placed
 from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, LEVEL, MEDIUM

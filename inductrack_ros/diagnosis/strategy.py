@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ..estimation.shooting import TOLERANCE, linearise_all
+from ..estimation.likelihood import TOLERANCE
+from ..estimation.shooting import linearise_all
 from . import background
 from .moves import (
     OutOfTime,

@@ -9,8 +9,9 @@ import numpy as np
 from ..core.kernel import QUANTITIES
 from ..core.state import INDEX, OUTPUTS
 from .kalman import Columns
+from .linear import THETA_STEP, pieces, read
 from .problem import Problem
-from .shooting import THETA_STEP, Fit, pieces, read
+from .shooting import Fit
 from .structure import Structure
 
 

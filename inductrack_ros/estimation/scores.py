@@ -14,9 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from .kalman import Columns, LinearRun, run_filter
+from .likelihood import NO_POWER
 from .problem import Problem
 from .processes import Process, augmented
-from .shooting import NO_POWER, Fit
+from .shooting import Fit
 
 #: Shares of the fitted power at which scores are taken; 0 is the deterministic plant.
 SHARES = (1.0, 1e-1, 1e-2, 1e-4, 0.0)

@@ -1,8 +1,8 @@
 """Multiple shooting over a plant that may be shaken: every run is held to its data at every node (Bock and Plitt 1984).
 
 A run's trajectory is the state at each point of its grid. Between neighbours the model is integrated; where it does not lead
-from one to the next, a white disturbance of the coordinates' accelerations did the rest. `linearise` gives the run as a linear
-system about a trajectory (`kalman.LinearRun`), `start` a trajectory from the data alone, and `fit` alternates the two.
+from one to the next, a white disturbance of the coordinates' accelerations did the rest. `linear` gives the run as a linear
+system about a trajectory, `start` a trajectory from the data alone, `likelihood` the best step; `fit` alternates them.
 """
 
 from __future__ import annotations
@@ -13,56 +13,31 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core.effects.stand_in import basis
-from ..core.model import Model
-from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
+from ..core.state import OUTPUTS
 from . import fit as end_to_end
-from .kalman import Columns, Filtered, LinearRun, Smoothed, run_filter, run_smoother
-from .problem import GRID, STATE_PRIOR, Problem, RunData
-from .processes import IMPACT, Process, augmented, offsets, resized, tightened, told, variances
-from .response import STATE_STEPS, VARIABLES, gap_geometry
+from .kalman import LinearRun
+from .likelihood import TOLERANCE, Evidence, Point, cost, settle
+from .linear import linearise
+from .problem import Problem
+from .processes import IMPACT, Process, offsets, tightened
+from .start import start
 from .structure import Structure
 
-#: Step of a parameter's difference, in typical sizes; of an effect's state, relative to it.
-THETA_STEP, CARRIED_STEP = 2e-3, 1e-6
-#: Range of the disturbances' power (m²/s³, rad²/s³) that a start from the data looks through.
-ROUGHEST, SMOOTHEST = 1e6, 1e-6
-#: Below this power of an acceleration a disturbance moves nothing that any sensor of the package could see in an hour.
-NO_POWER = 1e-14
 #: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the data.
 FIRST_POWER = np.array([1e2, 1e1, 1e1, 1e2])
 #: Share of that power with which a fit begins anew where an effect was taken away: its trajectories are good, its power is not.
 ANEW = 1e-4
-#: The power falls by no more than this in a step, so that the trajectories can follow (continuation); so many steps at the most.
-FALL, STEPS = 1e-3, 25
-#: Length of a step of the power's logarithm over its ratio's where that is ``FAR_ABOVE`` (below this), and at the most.
-REACH, LONGEST_REACH, FAR_ABOVE = 3.0, 8.0, -0.7
-#: A gap (m) below which a node counts as touching: ten times what a resting cradle sinks in.
-NEARLY_TOUCHING = 3e-4
+#: Gauss–Newton steps at the most.
+STEPS = 25
 #: A step that a run fares worse for is halved for that run, so often at the most.
 HALVINGS = 6
-#: Updates of the power at each linearisation; one that falls below this part of itself is still on its way.
-POWER_STEPS, RESTING = 3, 0.3
-#: A step that changes the deviance by less than this has converged.
-TOLERANCE = 0.5
+#: Updates of the power at each linearisation.
+POWER_STEPS = 3
 #: So many steps that gain nothing end a fit.
 IDLE = 2
 #: A power (m²/s³, rad²/s³) at which trajectories have no defects but what the integration's tolerance leaves; steps of a fit from
 #: end to end that looks for such trajectories.
 QUIET, FLOWN_STEPS = 1e-8, 15
-
-
-@dataclass(frozen=True)
-class Point:
-    """Where a fit stands: theta (g,), each run's trajectory (n, N), the disturbances' power (4,), the processes beside
-    them, where each run touches the track (n,), once that is settled, and whether contact is taken ``exactly`` (see `exactly`)."""
-
-    theta: np.ndarray
-    paths: tuple[np.ndarray, ...]
-    power: np.ndarray
-    processes: tuple[Process, ...] = ()
-    touching: tuple[np.ndarray, ...] | None = None
-    exact: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,382 +84,6 @@ class Fit:
     def point(self) -> Point:
         """Where it stands."""
         return Point(self.theta, self.paths, self.power, self.processes, self.touching, self.exact)
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What the data say at a point: twice the negative log likelihood, whitened residuals of each run and their columns by theta."""
-
-    deviance: float
-    chi2: float
-    whitened: tuple[np.ndarray, ...]
-    filtered: tuple[Filtered, ...]
-    step: np.ndarray
-    covariance: np.ndarray
-
-
-# ---------------------------------------------------------------- linear systems
-
-
-def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> LinearRun:
-    """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it. Its states are the active ones."""
-    data, model = problem.runs[i], structure.model
-    active = model.active_states
-    n, A, g = len(path), len(active), len(theta)
-    steps = np.where(theta + THETA_STEP <= structure.bounds[1], THETA_STEP, -THETA_STEP)
-    single, of_sensors, _ = _kinds(structure)
-    thetas = np.vstack([np.tile(theta, (1 + A, 1)), theta + np.diag(steps)[single]])
-    by_state = np.concatenate([STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, active[8:]]).max(axis=0, initial=0.0))])
-    offsets = np.zeros((len(thetas), path.shape[1]))
-    offsets[1 + np.arange(A), active] = by_state
-    outputs, ends = pieces(problem, structure, i, thetas, offsets, path)
-    readings, ends = read(problem, structure, i, outputs, thetas), ends[:, :, active]
-    weight = 1.0 / problem.sigma[data.channel]
-    y, inputs = np.zeros((len(data.y), 1 + g)), np.zeros((n, A, 1 + g))
-    y[:, 0], inputs[:-1, :, 0] = (data.y - readings[0]) * weight, ends[:-1, 0] - path[1:, active]
-    places = [1 + k for k in single]
-    y[:, places] = -((readings[1 + A :] - readings[0]) * weight).T / steps[single]
-    inputs[:, :, places] = ((ends[:, 1 + A :] - ends[:, :1]) / steps[single][:, None]).transpose(0, 2, 1)
-    for k in of_sensors:
-        moved = theta + steps * (np.arange(g) == k)
-        y[:, 1 + k] = -(read(problem, structure, i, outputs[:, :1], moved[None])[0] - readings[0]) * weight / steps[k]
-    for effect, mine in structure.tables.items():
-        table = force_columns(data, problem.sigma, model, _table_forces(problem, structure, i, theta, path, effect))
-        y[:, [1 + k for k in mine]], inputs[:, :, [1 + k for k in mine]] = -table.data, table.inputs
-    sensitivity = ((readings[1 : 1 + A] - readings[0]) * weight).T / by_state
-    late = _late(problem, structure, i, outputs, theta, readings, by_state) * weight[:, None]
-    sensitivity[:, 4:8] += late
-    known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(axis=1)  # a late sensor's first readings are of before the run
-    sensitivity[~known], y[~known], y[~known, 0] = 0.0, 0.0, 1.0  # it tells nothing and is as far off as noise is: no gain
-    root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
-    return LinearRun(
-        np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, problem.variance(i),
-        (ends[:, 1 : 1 + A] - ends[:, :1]).transpose(0, 2, 1) / by_state, inputs, np.append(np.diff(data.grid), 0.0), root, mean, np.zeros((n, A)),
-        _touching(outputs[:, 0]), late, _struck(data),
-    )  # fmt: skip
-
-
-def _struck(data: RunData) -> np.ndarray:
-    """Readings (m,) of all but the surge."""
-    return ~np.isin(data.column, [INDEX[n] for n in ("surge", "surge_rate", "surge_acceleration")])
-
-
-def _late(
-    problem: Problem, structure: Structure, i: int, outputs: np.ndarray, theta: np.ndarray, readings: np.ndarray, by_state: np.ndarray
-) -> np.ndarray:
-    """What a rate of each coordinate adds to readings (m, 4) of sensors that look at another moment than that of their stamp.
-
-    A reading of the coordinate δ ago is less by δ times its rate. A ramp through the run tells δ: it reads as the time less δ.
-    """
-    data = problem.runs[i]
-    found = np.zeros((len(data.y), 4))
-    if not structure.sensors.channels:
-        return found
-    for c in range(4):
-        apart = outputs[:, 1 + c] - outputs[:, 0]
-        ramp = outputs[:, 0] + apart * (data.grid / max(data.grid[-1], GRID))[:, None]
-        moved = (read(problem, structure, i, ramp[:, None], theta[None])[0] - readings[0]) * max(data.grid[-1], GRID)
-        found[:, c] = (moved - (readings[1 + c] - readings[0]) * data.time) / by_state[c]
-    return np.nan_to_num(found)
-
-
-def _touching(outputs: np.ndarray) -> np.ndarray:
-    """Whether the cradle touches the track at a node or the next (n,), from the nodes' outputs (n, 15)."""
-    near = np.nan_to_num(outputs[:, [INDEX[g] for g in GAPS]]).min(axis=1) < NEARLY_TOUCHING
-    return near | np.append(near[1:], False)
-
-
-def _kinds(structure: Structure) -> tuple[list[int], list[int], list[int]]:
-    """Indices in theta of the plant's single parameters, of the sensors' and of the tables' entries."""
-    tabled = sorted(k for mine in structure.tables.values() for k in mine)
-    single = [k for k, column in enumerate(structure.columns) if column is not None and k not in tabled]
-    return single, [k for k, column in enumerate(structure.columns) if column is None], tabled
-
-
-def _table_forces(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, effect: str) -> np.ndarray:
-    """Force histories (n, 4, l) of the entries of a stand-in's table, each of its typical size, along a trajectory."""
-    values, mine = structure.model.effects[effect], structure.tables[effect]
-    u = np.ascontiguousarray(histories(problem.runs[i], path)[VARIABLES[int(values["variable"])]])
-    shapes = basis(u, values["start"], values["step"], len(mine)) * structure.scale[mine]
-    return acting(problem, structure, i, theta, path, effect.removeprefix("stand_in_"), shapes)
-
-
-def acting(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, on: str, shapes: np.ndarray) -> np.ndarray:
-    """Force histories (n, 4, l) of shapes (n, l) that act on a coordinate (N, N·m), or on the thrust (shares of it)."""
-    forces = np.zeros((len(path), 4, shapes.shape[1]))
-    if on == "thrust":
-        forces[:, 0] = mean_thrust(problem, structure, i, theta, path)[:, None] * shapes
-    else:
-        forces[:, COORDINATES.index(on)] = shapes
-    return forces
-
-
-def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Thrust (n,) of each piece of a trajectory, N, averaged over it: what a small relative change of γ would bring."""
-    model, small = structure.model, 1e-4
-    free = Structure(structure.with_theta(theta), ("gamma",))
-    gamma = free.start
-    moved = free.encode([model.parameters["gamma"] * (1 + small)]) if "gamma" not in structure.free else gamma * (1 + small)
-    _, ends = pieces(problem, free, i, np.vstack([gamma, moved]), np.zeros((2, path.shape[1])), path)
-    T = np.diff(problem.runs[i].grid)
-    thrust = model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (small * T)
-    return np.append(thrust, thrust[-1:])
-
-
-def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
-    """Histories (n,) of what a force may depend on along a trajectory (n, N) of a run."""
-    found = {s: path[:, k] for k, s in enumerate(STATES)} | {"time": data.grid, "drive": np.full(len(path), data.run.drive_current)}
-    return {v: np.ascontiguousarray(found[v]) for v in VARIABLES}
-
-
-def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.ndarray) -> Columns:
-    """What force histories (n, 4, l) (N, N·m by coordinate) would do to a run: a trapezoid between nodes."""
-    inertia = np.array([model.parameters["mass"]] * 3 + [model.parameters["roll_inertia"]])
-    a = forces * (model.moving / inertia)[:, None]
-    inputs = np.zeros((len(a), len(model.active_states), a.shape[2]))
-    T = np.diff(data.grid)[:, None, None]
-    inputs[:-1, :4] = T**2 / 6.0 * (2.0 * a[:-1] + a[1:])
-    inputs[:-1, 4:8] = 0.5 * T * (a[:-1] + a[1:])
-    change = np.zeros((len(data.y), a.shape[2]))
-    for c, name in enumerate(ACCELERATIONS):
-        mine = data.column == INDEX[name]
-        change[mine] = a[data.row[mine], c] / sigma[data.channel[mine]][:, None]
-    return Columns(inputs, change)
-
-
-def pieces(
-    problem: Problem, structure: Structure, i: int, thetas: np.ndarray, offsets: np.ndarray, path: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's offsets and theta."""
-    data, model = problem.runs[i], structure.model
-    P = problem.vectors(structure, i, thetas)
-    outputs, ends = np.empty((len(path), len(offsets), len(OUTPUTS))), np.empty((len(path), *offsets.shape))
-    model.kernel.linearise_pieces(
-        data.grid, np.ascontiguousarray(path), offsets, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
-        outputs, ends,
-    )  # fmt: skip
-    return outputs, ends
-
-
-def outputs_of(problem: Problem, fit: Fit, i: int) -> np.ndarray:
-    """Outputs (n, 15) at the nodes of a fit's run i."""
-    return pieces(problem, fit.structure, i, fit.theta[None], np.zeros((1, fit.paths[i].shape[1])), fit.paths[i])[0][:, 0]
-
-
-def read(problem: Problem, structure: Structure, i: int, outputs: np.ndarray, thetas: np.ndarray) -> np.ndarray:
-    """What the sensors read, (jobs, m), from the nodes' outputs (n, jobs, 15)."""
-    return problem.predict(structure, i, thetas, np.ascontiguousarray(outputs.transpose(1, 0, 2)))
-
-
-def _start(problem: Problem, structure: Structure, i: int, theta: np.ndarray, x: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """A square root (A, A) of the initial state's covariance and the mean (A, c) of its deviation from x, over the active states."""
-    data, model = problem.runs[i], structure.model
-    active = model.active_states
-    root, mean = np.zeros((len(x), len(x))), np.zeros((len(x), columns))
-    free = data.free_states
-    root[free, free] = STATE_PRIOR[free]
-    mean[:8, 0] = data.guess - x[:8]
-    if model.carries_states:
-        P, pulses = problem.vectors(structure, i, theta[None])[0], None if data.averaged else data.pulses
-        begun = model.with_effect_states(x, P=P, pulses=pulses)
-        for s in free:
-            moved = x.copy()
-            moved[s] += STATE_STEPS[s]
-            slope = (model.with_effect_states(moved, P=P, pulses=pulses) - begun)[8:] / STATE_STEPS[s]
-            root[8:, s] = slope * STATE_PRIOR[s]
-            mean[8:, 0] += slope * mean[s, 0]
-        mean[8:, 0] += begun[8:] - x[8:]
-    return root[np.ix_(active, active)], mean[active]
-
-
-# ---------------------------------------------------------------- a start from the data
-
-
-def start(problem: Problem, structure: Structure, i: int) -> np.ndarray:
-    """A trajectory (n, N) of run i from its data alone: every coordinate a random walk of its rate, as rough as the data say."""
-    data, model = problem.runs[i], structure.model
-    n = len(data.grid)
-    kinematic = _kinematic(problem, model, data)
-
-    def deviance(c: int, exponent: float, power: np.ndarray) -> float:
-        tried = power.copy()
-        tried[c] = 10.0**exponent
-        whitened, determinant = run_filter(kinematic, tried).scored(kinematic)
-        return float((whitened[:, 0] ** 2).sum() + determinant)
-
-    power = model.moving * 1e2
-    seen = [c for c in range(4) if power[c] and (kinematic.sensitivity[:, [c, 4 + c]] != 0).any()]
-    exponents = np.arange(np.log10(SMOOTHEST), np.log10(ROUGHEST) + 1, 2.0)
-    for _ in range(2):
-        for c in seen:
-            power[c] = 10.0 ** min(exponents, key=lambda e, c=c: deviance(c, e, power))
-    smoothed = run_smoother(kinematic, run_filter(kinematic, power), np.empty(0)).deviations
-    path = np.zeros((n, len(model.kernel.states)))
-    path[:, :8] = data.guess + smoothed
-    held = ~np.isin(np.arange(8), data.free_states) & np.tile(model.moving == 0, 2)
-    path[:, :8][:, held] = data.guess[held]
-    path[:, 0] = np.where(model.moving[0] == 0, data.guess[0] + data.guess[4] * data.grid, path[:, 0])
-    if 2 not in seen and model.moving[2] and data.free_states.size:
-        path[:, 2] = _balance(model, path[:, 4])
-        path[:, 6] = 0.0
-    if model.carries_states:
-        P = problem.vectors(structure, i, structure.start[None])[0]
-        for k, t in enumerate(data.grid):
-            path[k] = model.with_effect_states(path[k], t, P, None if data.averaged else data.pulses, path[0, 0])
-    return path
-
-
-def _kinematic(problem: Problem, model, data: RunData) -> LinearRun:
-    """The run without physics: coordinates and their rates, as positions, rates and gaps show them."""
-    n = len(data.grid)
-    geometry, g0 = gap_geometry(model), model.parameters["nominal_gap"]
-    rows = np.zeros((len(OUTPUTS), 8))
-    offset = np.zeros(len(OUTPUTS))
-    rows[:8] = np.eye(8)
-    for k, name in enumerate(GAPS):
-        rows[INDEX[name], :4], offset[INDEX[name]] = geometry[k], g0
-    used = data.column < INDEX[ACCELERATIONS[0]]
-    column, sigma = data.column[used], problem.sigma[data.channel[used]]
-    H = rows[column]
-    y = (data.y[used] - offset[column] - H @ data.guess) / sigma
-    spacing = np.append(np.diff(data.grid), 0.0)
-    F = np.tile(np.eye(8), (n, 1, 1))
-    F[:, np.arange(4), 4 + np.arange(4)] = spacing[:, None]
-    inputs = np.zeros((n, 8, 1))
-    inputs[:, :4, 0] = spacing[:, None] * data.guess[4:]
-    root = np.zeros((8, 8))
-    root[data.free_states, data.free_states] = STATE_PRIOR[data.free_states]
-    return LinearRun(
-        np.searchsorted(data.row[used], np.arange(n + 1)), H / sigma[:, None], y[:, None], np.ones(len(y)), F, inputs, spacing, root, np.zeros((8, 1)), np.zeros((n, 8)),
-        np.zeros(n, bool), np.zeros((len(y), 4)), np.zeros(len(y), bool),
-    )
-
-
-def _balance(model, speed: np.ndarray) -> np.ndarray:
-    """Equilibrium heave (n,) along a run, from a few speeds of it."""
-    few = np.linspace(max(speed.min(), 1.0), max(speed.max(), 1.001), 7)
-    return np.interp(speed, few, [model.equilibrium_heave(v) for v in few])
-
-
-# ---------------------------------------------------------------- likelihood and fit
-
-
-def weigh(problem: Problem, structure: Structure, systems: Sequence[LinearRun], theta: np.ndarray, power: np.ndarray) -> Evidence:
-    """The likelihood of linear runs at a power of the disturbances, theta's best step (g,) within its bounds, and its covariance (g, g)."""
-    shaken = np.where(power > NO_POWER, power, 0.0)
-    filtered = tuple(problem.for_runs(lambda i: run_filter(systems[i], shaken)))
-    g = len(theta)
-    A, b = structure.precision.copy(), structure.precision @ (structure.centre - theta)
-    whitened, determinants = zip(*(f.scored(system) for f, system in zip(filtered, systems, strict=True)), strict=True)
-    for w in whitened:
-        A += w[:, 1:].T @ w[:, 1:]
-        b -= w[:, 1:].T @ w[:, 0]
-    step, free = _bounded(A, b, theta, structure)
-    left = tuple(w[:, 0] + w[:, 1:] @ step for w in whitened)
-    chi2 = sum(float(r @ r) for r in left)
-    covariance = np.zeros((g, g))
-    if free.any():
-        covariance[np.ix_(free, free)] = np.linalg.pinv(A[np.ix_(free, free)], rcond=1e-15, hermitian=True)
-    deviance = chi2 + structure.surprise(theta + step) + sum(determinants)
-    return Evidence(deviance, chi2, left, filtered, step, covariance)
-
-
-def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """The minimiser of a quadratic within theta's bounds by an active set, and which entries are free (g,)."""
-    low, high = structure.bounds
-    free = np.ones(len(theta), bool)
-    free[structure.held] = False
-    step = np.zeros(len(theta))
-    for _ in range(len(theta) + 1):
-        step[~free & (step == 0.0)] = 0.0
-        if free.any():
-            step[free] = np.linalg.lstsq(A[np.ix_(free, free)], b[free] - A[np.ix_(free, ~free)] @ step[~free], rcond=1e-14)[0]
-        over = free & ((theta + step < low) | (theta + step > high))
-        if not over.any():
-            break
-        step[over] = np.clip(theta + step, low, high)[over] - theta[over]
-        free &= ~over
-    return step, free
-
-
-@dataclass(frozen=True)
-class Settled:
-    """Linear runs with the disturbances that suit them: their power (4,) and processes, what the data say there, and where they lead."""
-
-    power: np.ndarray
-    processes: tuple[Process, ...]
-    systems: tuple[LinearRun, ...]
-    evidence: Evidence
-    smooth: tuple[Smoothed, ...]
-    next_power: np.ndarray
-    next_processes: tuple[Process, ...]
-
-
-def settle(
-    problem: Problem, structure: Structure, plain: Sequence[LinearRun], point: Point, passes: int, follow: bool = False
-) -> Settled:
-    """The disturbances' power and the processes' sizes that make linear runs about a point most likely.
-
-    A fixed-point iteration of all variances in their logarithm (MacKay 1992), its steps lengthened as the last two tell (secant).
-    With ``follow`` it ends where a variance is so far from its place that the trajectories have to follow first.
-    """
-    power, processes, before, last = np.maximum(point.power, NO_POWER), point.processes, None, np.inf
-    n_states = plain[0].transitions.shape[1]
-    for left in reversed(range(passes)):
-        systems = tuple(problem.for_runs(lambda i, p=processes: augmented(problem, structure, i, plain[i], p)))
-        evidence = weigh(problem, structure, systems, point.theta, power)
-        smooth = tuple(problem.for_runs(lambda i, s=systems, e=evidence: run_smoother(s[i], e.filtered[i], e.step)))
-        here = np.concatenate([power, variances(processes)])
-        ratio = variance_ratio(problem, processes, smooth, n_states)
-        there = likelier(here, ratio, before)
-        new = np.clip(there[:4], NO_POWER, ROUGHEST), resized(processes, there[4:])
-        if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
-            break
-        power, processes, before, last = *new, (here, ratio), evidence.deviance
-    return Settled(power, processes, systems, evidence, smooth, *new)
-
-
-def variance_ratio(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int) -> np.ndarray:
-    """Log of what the data show of each disturbance and process over what its variance would make them show, (4 + p,); 0 at the likeliest."""
-    found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
-    of_processes = told(problem, processes, smooth, n_states)
-    found, expected = np.concatenate([found, of_processes[0]]), np.concatenate([expected, of_processes[1]])
-    return np.clip(np.log(np.maximum(found, 1e-300)) - np.log(np.maximum(expected, 1e-300)), -50.0, 50.0)
-
-
-def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """Variances nearer to the likeliest from their `variance_ratio`, and that ``before`` at others, where there was one."""
-    reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
-    if before is not None:
-        moved, change = np.log(values / before[0]), before[1] - ratio
-        with np.errstate(divide="ignore", invalid="ignore"):
-            secant = moved / change
-        reach = np.where(np.isfinite(secant) & (secant > 0), np.clip(secant, 1.0, LONGEST_REACH), reach)
-    return values * np.exp(np.clip(reach * ratio, np.log(FALL), -np.log(FALL)))
-
-
-def cost(
-    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, power: np.ndarray, system: LinearRun,
-    beside: tuple[np.ndarray, np.ndarray],
-) -> float:  # fmt: skip
-    """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and its start, squared.
-
-    The ``system`` has the readings' variances and the kicks; ``beside`` is what processes add to them (m,) and to the way to the next node (n, N).
-    """
-    data = problem.runs[i]
-    outputs, ends = pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
-    if not np.isfinite(ends).all():
-        return np.inf
-    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel] - beside[0]
-    total = float(np.nansum(left**2 / system.variance))
-    T, defect = np.diff(data.grid), path[1:, :8] - ends[:-1, 0, :8] - beside[1][:-1, :8]
-    for c in np.flatnonzero(problem.model.moving):
-        place, rate = defect[:, c], defect[:, 4 + c]
-        q, kicks = max(power[c], NO_POWER), system.kicks[:-1, 4 + c]
-        a, b, d = q * T**3 / 3.0, q * T**2 / 2.0, q * T + kicks
-        total += float(np.sum((d * place**2 - 2.0 * b * place * rate + a * rate**2) / (a * d - b**2)))
-    free = data.free_states
-    return total + float(np.sum(((path[0, free] - data.guess[free]) / STATE_PRIOR[free]) ** 2))
 
 
 def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | None = None) -> list[LinearRun]:

@@ -1,0 +1,170 @@
+"""The likelihood of all runs as linear systems, and the disturbances and processes that make it greatest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .kalman import Filtered, LinearRun, Smoothed, run_filter, run_smoother
+from .linear import pieces, read
+from .problem import STATE_PRIOR, Problem
+from .processes import Process, augmented, resized, told, variances
+from .structure import Structure
+
+#: Greatest power of the disturbances (m²/s³, rad²/s³).
+ROUGHEST = 1e6
+#: Below this power of an acceleration a disturbance moves nothing that any sensor of the package could see in an hour.
+NO_POWER = 1e-14
+#: The power falls by no more than this in a step, so that the trajectories can follow (continuation).
+FALL = 1e-3
+#: Length of a step of the power's logarithm over its ratio's where that is ``FAR_ABOVE`` (below this), and at the most.
+REACH, LONGEST_REACH, FAR_ABOVE = 3.0, 8.0, -0.7
+#: One that falls below this part of itself is still on its way.
+RESTING = 0.3
+#: A step that changes the deviance by less than this has converged.
+TOLERANCE = 0.5
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where a fit stands: theta (g,), each run's trajectory (n, N), the disturbances' power (4,), the processes beside
+    them, where each run touches the track (n,), once that is settled, and whether contact is taken ``exactly`` (see `exactly`)."""
+
+    theta: np.ndarray
+    paths: tuple[np.ndarray, ...]
+    power: np.ndarray
+    processes: tuple[Process, ...] = ()
+    touching: tuple[np.ndarray, ...] | None = None
+    exact: bool = False
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the data say at a point: twice the negative log likelihood, whitened residuals of each run and their columns by theta."""
+
+    deviance: float
+    chi2: float
+    whitened: tuple[np.ndarray, ...]
+    filtered: tuple[Filtered, ...]
+    step: np.ndarray
+    covariance: np.ndarray
+
+
+def weigh(problem: Problem, structure: Structure, systems: Sequence[LinearRun], theta: np.ndarray, power: np.ndarray) -> Evidence:
+    """The likelihood of linear runs at a power of the disturbances, theta's best step (g,) within its bounds, and its covariance (g, g)."""
+    shaken = np.where(power > NO_POWER, power, 0.0)
+    filtered = tuple(problem.for_runs(lambda i: run_filter(systems[i], shaken)))
+    g = len(theta)
+    A, b = structure.precision.copy(), structure.precision @ (structure.centre - theta)
+    whitened, determinants = zip(*(f.scored(system) for f, system in zip(filtered, systems, strict=True)), strict=True)
+    for w in whitened:
+        A += w[:, 1:].T @ w[:, 1:]
+        b -= w[:, 1:].T @ w[:, 0]
+    step, free = _bounded(A, b, theta, structure)
+    left = tuple(w[:, 0] + w[:, 1:] @ step for w in whitened)
+    chi2 = sum(float(r @ r) for r in left)
+    covariance = np.zeros((g, g))
+    if free.any():
+        covariance[np.ix_(free, free)] = np.linalg.pinv(A[np.ix_(free, free)], rcond=1e-15, hermitian=True)
+    deviance = chi2 + structure.surprise(theta + step) + sum(determinants)
+    return Evidence(deviance, chi2, left, filtered, step, covariance)
+
+
+def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """The minimiser of a quadratic within theta's bounds by an active set, and which entries are free (g,)."""
+    low, high = structure.bounds
+    free = np.ones(len(theta), bool)
+    free[structure.held] = False
+    step = np.zeros(len(theta))
+    for _ in range(len(theta) + 1):
+        step[~free & (step == 0.0)] = 0.0
+        if free.any():
+            step[free] = np.linalg.lstsq(A[np.ix_(free, free)], b[free] - A[np.ix_(free, ~free)] @ step[~free], rcond=1e-14)[0]
+        over = free & ((theta + step < low) | (theta + step > high))
+        if not over.any():
+            break
+        step[over] = np.clip(theta + step, low, high)[over] - theta[over]
+        free &= ~over
+    return step, free
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Linear runs with the disturbances that suit them: their power (4,) and processes, what the data say there, and where they lead."""
+
+    power: np.ndarray
+    processes: tuple[Process, ...]
+    systems: tuple[LinearRun, ...]
+    evidence: Evidence
+    smooth: tuple[Smoothed, ...]
+    next_power: np.ndarray
+    next_processes: tuple[Process, ...]
+
+
+def settle(
+    problem: Problem, structure: Structure, plain: Sequence[LinearRun], point: Point, passes: int, follow: bool = False
+) -> Settled:
+    """The disturbances' power and the processes' sizes that make linear runs about a point most likely.
+
+    A fixed-point iteration of all variances in their logarithm (MacKay 1992), its steps lengthened as the last two tell (secant).
+    With ``follow`` it ends where a variance is so far from its place that the trajectories have to follow first.
+    """
+    power, processes, before, last = np.maximum(point.power, NO_POWER), point.processes, None, np.inf
+    n_states = plain[0].transitions.shape[1]
+    for left in reversed(range(passes)):
+        systems = tuple(problem.for_runs(lambda i, p=processes: augmented(problem, structure, i, plain[i], p)))
+        evidence = weigh(problem, structure, systems, point.theta, power)
+        smooth = tuple(problem.for_runs(lambda i, s=systems, e=evidence: run_smoother(s[i], e.filtered[i], e.step)))
+        here = np.concatenate([power, variances(processes)])
+        ratio = variance_ratio(problem, processes, smooth, n_states)
+        there = likelier(here, ratio, before)
+        new = np.clip(there[:4], NO_POWER, ROUGHEST), resized(processes, there[4:])
+        if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
+            break
+        power, processes, before, last = *new, (here, ratio), evidence.deviance
+    return Settled(power, processes, systems, evidence, smooth, *new)
+
+
+def variance_ratio(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int) -> np.ndarray:
+    """Log of what the data show of each disturbance and process over what its variance would make them show, (4 + p,); 0 at the likeliest."""
+    found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
+    of_processes = told(problem, processes, smooth, n_states)
+    found, expected = np.concatenate([found, of_processes[0]]), np.concatenate([expected, of_processes[1]])
+    return np.clip(np.log(np.maximum(found, 1e-300)) - np.log(np.maximum(expected, 1e-300)), -50.0, 50.0)
+
+
+def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """Variances nearer to the likeliest from their `variance_ratio`, and that ``before`` at others, where there was one."""
+    reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
+    if before is not None:
+        moved, change = np.log(values / before[0]), before[1] - ratio
+        with np.errstate(divide="ignore", invalid="ignore"):
+            secant = moved / change
+        reach = np.where(np.isfinite(secant) & (secant > 0), np.clip(secant, 1.0, LONGEST_REACH), reach)
+    return values * np.exp(np.clip(reach * ratio, np.log(FALL), -np.log(FALL)))
+
+
+def cost(
+    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, power: np.ndarray, system: LinearRun,
+    beside: tuple[np.ndarray, np.ndarray],
+) -> float:  # fmt: skip
+    """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and its start, squared.
+
+    The ``system`` has the readings' variances and the kicks; ``beside`` is what processes add to them (m,) and to the way to the next node (n, N).
+    """
+    data = problem.runs[i]
+    outputs, ends = pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
+    if not np.isfinite(ends).all():
+        return np.inf
+    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel] - beside[0]
+    total = float(np.nansum(left**2 / system.variance))
+    T, defect = np.diff(data.grid), path[1:, :8] - ends[:-1, 0, :8] - beside[1][:-1, :8]
+    for c in np.flatnonzero(problem.model.moving):
+        place, rate = defect[:, c], defect[:, 4 + c]
+        q, kicks = max(power[c], NO_POWER), system.kicks[:-1, 4 + c]
+        a, b, d = q * T**3 / 3.0, q * T**2 / 2.0, q * T + kicks
+        total += float(np.sum((d * place**2 - 2.0 * b * place * rate + a * rate**2) / (a * d - b**2)))
+    free = data.free_states
+    return total + float(np.sum(((path[0, free] - data.guess[free]) / STATE_PRIOR[free]) ** 2))

@@ -1,0 +1,202 @@
+"""A run as a linear system about a trajectory: residuals, defects and their derivatives by states, parameters and force histories."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from ..core.effects.stand_in import basis
+from ..core.model import Model
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
+from .kalman import Columns, LinearRun
+from .problem import GRID, STATE_PRIOR, Problem, RunData
+from .response import STATE_STEPS, VARIABLES
+from .structure import Structure
+
+#: Step of a parameter's difference, in typical sizes; of an effect's state, relative to it.
+THETA_STEP, CARRIED_STEP = 2e-3, 1e-6
+#: A gap (m) below which a node counts as touching: ten times what a resting cradle sinks in.
+NEARLY_TOUCHING = 3e-4
+
+
+class Fitted(Protocol):
+    """What a fit has: its structure, theta (g,) and a trajectory (n, N) for each run."""
+
+    @property
+    def structure(self) -> Structure: ...
+    @property
+    def theta(self) -> np.ndarray: ...
+    @property
+    def paths(self) -> tuple[np.ndarray, ...]: ...
+
+
+def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> LinearRun:
+    """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it. Its states are the active ones."""
+    data, model = problem.runs[i], structure.model
+    active = model.active_states
+    n, A, g = len(path), len(active), len(theta)
+    steps = np.where(theta + THETA_STEP <= structure.bounds[1], THETA_STEP, -THETA_STEP)
+    single, of_sensors, _ = _kinds(structure)
+    thetas = np.vstack([np.tile(theta, (1 + A, 1)), theta + np.diag(steps)[single]])
+    by_state = np.concatenate([STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, active[8:]]).max(axis=0, initial=0.0))])
+    offsets = np.zeros((len(thetas), path.shape[1]))
+    offsets[1 + np.arange(A), active] = by_state
+    outputs, ends = pieces(problem, structure, i, thetas, offsets, path)
+    readings, ends = read(problem, structure, i, outputs, thetas), ends[:, :, active]
+    weight = 1.0 / problem.sigma[data.channel]
+    y, inputs = np.zeros((len(data.y), 1 + g)), np.zeros((n, A, 1 + g))
+    y[:, 0], inputs[:-1, :, 0] = (data.y - readings[0]) * weight, ends[:-1, 0] - path[1:, active]
+    places = [1 + k for k in single]
+    y[:, places] = -((readings[1 + A :] - readings[0]) * weight).T / steps[single]
+    inputs[:, :, places] = ((ends[:, 1 + A :] - ends[:, :1]) / steps[single][:, None]).transpose(0, 2, 1)
+    for k in of_sensors:
+        moved = theta + steps * (np.arange(g) == k)
+        y[:, 1 + k] = -(read(problem, structure, i, outputs[:, :1], moved[None])[0] - readings[0]) * weight / steps[k]
+    for effect, mine in structure.tables.items():
+        table = force_columns(data, problem.sigma, model, _table_forces(problem, structure, i, theta, path, effect))
+        y[:, [1 + k for k in mine]], inputs[:, :, [1 + k for k in mine]] = -table.data, table.inputs
+    sensitivity = ((readings[1 : 1 + A] - readings[0]) * weight).T / by_state
+    late = _late(problem, structure, i, outputs, theta, readings, by_state) * weight[:, None]
+    sensitivity[:, 4:8] += late
+    known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(axis=1)  # a late sensor's first readings are of before the run
+    sensitivity[~known], y[~known], y[~known, 0] = 0.0, 0.0, 1.0  # it tells nothing and is as far off as noise is: no gain
+    root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
+    return LinearRun(
+        np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, problem.variance(i),
+        (ends[:, 1 : 1 + A] - ends[:, :1]).transpose(0, 2, 1) / by_state, inputs, np.append(np.diff(data.grid), 0.0), root, mean, np.zeros((n, A)),
+        _touching(outputs[:, 0]), late, _struck(data),
+    )  # fmt: skip
+
+
+def _struck(data: RunData) -> np.ndarray:
+    """Readings (m,) of all but the surge."""
+    return ~np.isin(data.column, [INDEX[n] for n in ("surge", "surge_rate", "surge_acceleration")])
+
+
+def _late(
+    problem: Problem, structure: Structure, i: int, outputs: np.ndarray, theta: np.ndarray, readings: np.ndarray, by_state: np.ndarray
+) -> np.ndarray:
+    """What a rate of each coordinate adds to readings (m, 4) of sensors that look at another moment than that of their stamp.
+
+    A reading of the coordinate δ ago is less by δ times its rate. A ramp through the run tells δ: it reads as the time less δ.
+    """
+    data = problem.runs[i]
+    found = np.zeros((len(data.y), 4))
+    if not structure.sensors.channels:
+        return found
+    for c in range(4):
+        apart = outputs[:, 1 + c] - outputs[:, 0]
+        ramp = outputs[:, 0] + apart * (data.grid / max(data.grid[-1], GRID))[:, None]
+        moved = (read(problem, structure, i, ramp[:, None], theta[None])[0] - readings[0]) * max(data.grid[-1], GRID)
+        found[:, c] = (moved - (readings[1 + c] - readings[0]) * data.time) / by_state[c]
+    return np.nan_to_num(found)
+
+
+def _touching(outputs: np.ndarray) -> np.ndarray:
+    """Whether the cradle touches the track at a node or the next (n,), from the nodes' outputs (n, 15)."""
+    near = np.nan_to_num(outputs[:, [INDEX[g] for g in GAPS]]).min(axis=1) < NEARLY_TOUCHING
+    return near | np.append(near[1:], False)
+
+
+def _kinds(structure: Structure) -> tuple[list[int], list[int], list[int]]:
+    """Indices in theta of the plant's single parameters, of the sensors' and of the tables' entries."""
+    tabled = sorted(k for mine in structure.tables.values() for k in mine)
+    single = [k for k, column in enumerate(structure.columns) if column is not None and k not in tabled]
+    return single, [k for k, column in enumerate(structure.columns) if column is None], tabled
+
+
+def _table_forces(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, effect: str) -> np.ndarray:
+    """Force histories (n, 4, l) of the entries of a stand-in's table, each of its typical size, along a trajectory."""
+    values, mine = structure.model.effects[effect], structure.tables[effect]
+    u = np.ascontiguousarray(histories(problem.runs[i], path)[VARIABLES[int(values["variable"])]])
+    shapes = basis(u, values["start"], values["step"], len(mine)) * structure.scale[mine]
+    return acting(problem, structure, i, theta, path, effect.removeprefix("stand_in_"), shapes)
+
+
+def acting(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, on: str, shapes: np.ndarray) -> np.ndarray:
+    """Force histories (n, 4, l) of shapes (n, l) that act on a coordinate (N, N·m), or on the thrust (shares of it)."""
+    forces = np.zeros((len(path), 4, shapes.shape[1]))
+    if on == "thrust":
+        forces[:, 0] = mean_thrust(problem, structure, i, theta, path)[:, None] * shapes
+    else:
+        forces[:, COORDINATES.index(on)] = shapes
+    return forces
+
+
+def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Thrust (n,) of each piece of a trajectory, N, averaged over it: what a small relative change of γ would bring."""
+    model, small = structure.model, 1e-4
+    free = Structure(structure.with_theta(theta), ("gamma",))
+    gamma = free.start
+    moved = free.encode([model.parameters["gamma"] * (1 + small)]) if "gamma" not in structure.free else gamma * (1 + small)
+    _, ends = pieces(problem, free, i, np.vstack([gamma, moved]), np.zeros((2, path.shape[1])), path)
+    T = np.diff(problem.runs[i].grid)
+    thrust = model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (small * T)
+    return np.append(thrust, thrust[-1:])
+
+
+def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
+    """Histories (n,) of what a force may depend on along a trajectory (n, N) of a run."""
+    found = {s: path[:, k] for k, s in enumerate(STATES)} | {"time": data.grid, "drive": np.full(len(path), data.run.drive_current)}
+    return {v: np.ascontiguousarray(found[v]) for v in VARIABLES}
+
+
+def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.ndarray) -> Columns:
+    """What force histories (n, 4, l) (N, N·m by coordinate) would do to a run: a trapezoid between nodes."""
+    inertia = np.array([model.parameters["mass"]] * 3 + [model.parameters["roll_inertia"]])
+    a = forces * (model.moving / inertia)[:, None]
+    inputs = np.zeros((len(a), len(model.active_states), a.shape[2]))
+    T = np.diff(data.grid)[:, None, None]
+    inputs[:-1, :4] = T**2 / 6.0 * (2.0 * a[:-1] + a[1:])
+    inputs[:-1, 4:8] = 0.5 * T * (a[:-1] + a[1:])
+    change = np.zeros((len(data.y), a.shape[2]))
+    for c, name in enumerate(ACCELERATIONS):
+        mine = data.column == INDEX[name]
+        change[mine] = a[data.row[mine], c] / sigma[data.channel[mine]][:, None]
+    return Columns(inputs, change)
+
+
+def pieces(
+    problem: Problem, structure: Structure, i: int, thetas: np.ndarray, offsets: np.ndarray, path: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's offsets and theta."""
+    data, model = problem.runs[i], structure.model
+    P = problem.vectors(structure, i, thetas)
+    outputs, ends = np.empty((len(path), len(offsets), len(OUTPUTS))), np.empty((len(path), *offsets.shape))
+    model.kernel.linearise_pieces(
+        data.grid, np.ascontiguousarray(path), offsets, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
+        outputs, ends,
+    )  # fmt: skip
+    return outputs, ends
+
+
+def outputs_of(problem: Problem, fit: Fitted, i: int) -> np.ndarray:
+    """Outputs (n, 15) at the nodes of a fit's run i."""
+    return pieces(problem, fit.structure, i, fit.theta[None], np.zeros((1, fit.paths[i].shape[1])), fit.paths[i])[0][:, 0]
+
+
+def read(problem: Problem, structure: Structure, i: int, outputs: np.ndarray, thetas: np.ndarray) -> np.ndarray:
+    """What the sensors read, (jobs, m), from the nodes' outputs (n, jobs, 15)."""
+    return problem.predict(structure, i, thetas, np.ascontiguousarray(outputs.transpose(1, 0, 2)))
+
+
+def _start(problem: Problem, structure: Structure, i: int, theta: np.ndarray, x: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """A square root (A, A) of the initial state's covariance and the mean (A, c) of its deviation from x, over the active states."""
+    data, model = problem.runs[i], structure.model
+    active = model.active_states
+    root, mean = np.zeros((len(x), len(x))), np.zeros((len(x), columns))
+    free = data.free_states
+    root[free, free] = STATE_PRIOR[free]
+    mean[:8, 0] = data.guess - x[:8]
+    if model.carries_states:
+        P, pulses = problem.vectors(structure, i, theta[None])[0], None if data.averaged else data.pulses
+        begun = model.with_effect_states(x, P=P, pulses=pulses)
+        for s in free:
+            moved = x.copy()
+            moved[s] += STATE_STEPS[s]
+            slope = (model.with_effect_states(moved, P=P, pulses=pulses) - begun)[8:] / STATE_STEPS[s]
+            root[8:, s] = slope * STATE_PRIOR[s]
+            mean[8:, 0] += slope * mean[s, 0]
+        mean[8:, 0] += begun[8:] - x[8:]
+    return root[np.ix_(active, active)], mean[active]
