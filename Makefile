@@ -1,4 +1,4 @@
-# make demo | make test | make lint | make docs | make tables | make faults | make fuzz | make soak | make benchmark | make benchmark-check | make benchmark-diagnosis | make clean. No environment variable is needed.
+# make demo | make test | make nightly | make lint | make docs | make tables | make faults | make fuzz | make soak | make benchmark | make benchmark-check | make benchmark-diagnosis | make clean. No environment variable is needed.
 #
 # On a sourced ROS 2 distribution that one is used (a virtual environment that sees the system's packages);
 # on a bare machine ROS 2 comes as wheels from PyPI into .venv.
@@ -12,7 +12,7 @@ comma := ,
 EXTRAS := $(if $(filter wheels,$(ROS)),test$(comma)ros,test)
 READY := $(VENV)/ready-$(ROS)
 
-.PHONY: demo test lint setup clean benchmark benchmark-check benchmark-diagnosis faults fuzz soak tables docs
+.PHONY: demo test nightly lint setup clean benchmark benchmark-check benchmark-diagnosis faults fuzz soak tables docs
 .NOTPARALLEL:
 
 demo: $(READY)
@@ -21,6 +21,10 @@ demo: $(READY)
 test: $(READY) lint
 	@$(BIN)/python -m pytest -m "not alone" --numprocesses 2 --dist worksteal
 	@$(BIN)/python -m pytest -m alone
+
+# Whole diagnoses of the practice and blind campaigns, a minute or more each.
+nightly: $(READY)
+	@$(BIN)/python -m pytest --nightly -m nightly --numprocesses 2 --dist worksteal --durations=0
 
 # docs/performance.md: against the peers of the extra `benchmark`, as far as they install, and a C compiler's loop.
 benchmark: $(READY)

@@ -39,6 +39,11 @@ if BIN is None:
     raise pytest.UsageError("inductrack_ros is not installed: `make setup`, or `colcon build` and its setup file, comes first")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--nightly``: the tests that take minutes too."""
+    parser.addoption("--nightly", action="store_true", help="run the tests marked nightly too (`make nightly`)")
+
+
 @pytest.hookimpl(tryfirst=True)  # before any are deselected
 def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.Item]) -> None:
     """All tests are there. Nodes in real processes need the processor they were promised."""
@@ -48,6 +53,8 @@ def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.It
     for item in items:
         if "ros" in getattr(item, "fixturenames", ()):
             item.add_marker("alone")
+        if item.get_closest_marker("nightly") and not session.config.getoption("--nightly"):
+            item.add_marker(pytest.mark.skip(reason="takes minutes: make nightly"))
 
 
 PATIENCE = 120.0  # s; how long a condition is awaited on a busy machine before a test fails

@@ -17,6 +17,7 @@ from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis.diagnose import diagnose
 
 
+@pytest.mark.nightly
 def test_the_proposed_run_settles_what_was_open(tmp_path):
     truth = campaigns.write_campaign(tmp_path / "rig", 7001, names=[("aerodynamic_drag", None)], design="coasting", faint=15, clear=16)
     before = diagnose(load_campaign(tmp_path / "rig"), Model.default())
