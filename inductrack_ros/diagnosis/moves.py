@@ -21,7 +21,7 @@ from ..estimation.shooting import ANEW, FIRST_POWER, FLOWN_STEPS, Fit, exactly, 
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import background, placed
-from .screening import Candidate, CandidateSet, Law, Screening, names, screen
+from .screening import Candidate, CandidateSet, Law, Screening, names, screen, table_of
 from .settings import LEVEL, LOOK_STEPS, NEAR, REFIT_STEPS, REFITTED, SHAKEN, TWINS
 
 
@@ -178,7 +178,25 @@ def taken_exactly(task: Task, state: State) -> State:
     if not whole.leaves_noise:
         return state
     new = exactly(task.problem, f.structure, f.point, REFIT_STEPS, whole)
-    return replace(state, fit=new).told(f"contact taken exactly: deviance {new.deviance:.0f}")
+    exact = replace(state, fit=new).told(f"contact taken exactly: deviance {new.deviance:.0f}")
+    return smoothed_anew(task, exact) if state.stands_in else exact
+
+
+def smoothed_anew(task: Task, state: State) -> State:
+    """The state with the tables of its stand-ins as smooth as the data now say, where that pays: at first order they were told by a poorer fit."""
+    for name in state.fit.structure.tables:
+        f = state.fit
+        table = table_of(task.problem, f, linearise_all(task.problem, f), name)
+        structure, mine = replace(f.structure, smoothness={**f.structure.smoothness, name: table.weight}), f.structure.tables[name]
+        theta = f.theta.copy()
+        theta[mine] = table.values / structure.scale[mine]
+        new = fit(task.problem, structure, replace(f.point, theta=theta), REFIT_STEPS)
+        had = dict(state.freedom).get(name, 0.0)
+        freedom = (*(x for x in state.freedom if x[0] != name), (name, table.occam))
+        tried = replace(state, fit=new, price=state.price + table.occam - had, freedom=freedom)
+        if tried.cost(task) < state.cost(task):
+            state = tried.told(f"the table of {name} as smooth as all data say: deviance {f.deviance:.0f} -> {new.deviance:.0f}")
+    return state
 
 
 def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:

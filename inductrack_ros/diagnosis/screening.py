@@ -284,6 +284,26 @@ def laws(problem: Problem, fit: Fit, systems: Sequence[LinearRun], fine: Sequenc
     return sorted(best.values(), key=lambda x: -x.gain)
 
 
+def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: str) -> Smooth:
+    """A stand-in's table as the data ask for it at a fit, and how smooth; all else is nuisance."""
+    structure, mine = fit.structure, fit.structure.tables[effect]
+    other = np.setdiff1d(np.arange(len(fit.theta)), mine)
+
+    def one(i: int) -> np.ndarray:
+        w, _ = run_filter(augmented(problem, structure, i, systems[i], fit.processes), np.where(fit.power > NO_POWER, fit.power, 0.0)).scored(systems[i])
+        return w.T @ w
+
+    whole = sum(problem.for_runs(one))
+    o, m, scale = 1 + other, 1 + np.array(mine), structure.scale[mine]
+    prior = structure.precision[np.ix_(other, other)]
+    inverse = np.linalg.pinv(whole[np.ix_(o, o)] + prior, rcond=1e-14, hermitian=True)
+    step = inverse @ (prior @ (structure.centre - fit.theta)[other] - whole[o, 0])
+    cross = whole[np.ix_(o, m)]
+    gram = (whole[np.ix_(m, m)] - cross.T @ inverse @ cross) / np.outer(scale, scale)
+    score = -(whole[m, 0] + cross.T @ step) / scale
+    return smoothest_of(effect, gram, gram @ (fit.theta[mine] * scale) + score, effect in structure.local)
+
+
 def _levels(fit: Fit, fine: bool) -> list[np.ndarray]:
     shares = (1.0, 1e-2, 1e-4) if fine else (1.0, 0.0)
     return [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in shares]
