@@ -231,8 +231,11 @@ def _share(task: Task, state: State, name: str) -> float:
     return Candidate(name, name, {}, count).price(len(names(task.problem, state.fit.structure)) + 1)
 
 
-def rivals(task: Task, state: State, name: str) -> list[State]:
-    """States with another known effect in the place of one, or the same from another start, refitted where they come near; cheapest first."""
+def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
+    """The state, and those with another known effect in the place of one, or the same from another start, refitted where they come near; cheapest first.
+
+    What candidates promised in the place of the last one is told anew: it was screened beside a poorer fit.
+    """
     task.say(f"what could stand in the place of {name}")
     problem, smaller = task.problem, without(task, state, name, ANEW)
     systems = linearise_all(problem, smaller.fit)
@@ -242,4 +245,5 @@ def rivals(task: Task, state: State, name: str) -> list[State]:
     near = [s for s in own if s.deviance < reach][:REFITTED]
     tried = all_refitted(task, smaller, near, screening.family)
     close = [settled(task, t) if t.fit.deviance < state.fit.deviance + TWINS * 3 else t for t in tried]
-    return sorted(close, key=lambda s: s.cost(task))
+    rounds = tuple((beside, screening if beside == smaller.added else old) for beside, old in state.rounds)
+    return replace(state, rounds=rounds), sorted(close, key=lambda s: s.cost(task))

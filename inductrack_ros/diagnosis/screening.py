@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from scipy import stats
 
-from ..core.effects import catalogue
+from ..core.effects import Effect, catalogue
 from ..core.effects.stand_in import basis
 from ..core.state import COORDINATES, MOVING
 from ..estimation import columns
@@ -86,11 +86,14 @@ def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds
     """Every candidate and every small set of them at a fit, beside each of the backgrounds (the fit's own unless given); ``wavy``: waves of the track too."""
     known = fit.model.known_effects
     somewhere = [n for n in names(problem, fit.structure) if placed.is_placed(known[n.partition(":")[0]])]
-    wanted = [n for n in names(problem, fit.structure) if n not in (WAVES, *somewhere)]
+    at_once = {n: start for n in names(problem, fit.structure) if (start := _of_readings(problem, known, n))}
+    wanted = [n for n in names(problem, fit.structure) if n not in (WAVES, *somewhere, *at_once)]
     parameters = {n: known[n.partition(":")[0]].parameters for n in wanted}
     candidates = {n: Candidate(n, n, {}, len(parameters[n])) for n in wanted}
     parts = columns.of_parameters(problem, fit, {n: {} for n in wanted if parameters[n]})
     parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not parameters[n]}
+    for n, start in at_once.items():
+        candidates[n], parts[n] = Candidate(n, n, start, len(start)), columns.of_switch(problem, fit, n, start)
     if wavy and WAVES in names(problem, fit.structure):
         for candidate, part in _waves(problem, fit, systems):
             candidates[candidate.label], parts[candidate.label] = candidate, part
@@ -100,6 +103,15 @@ def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds
             candidates[candidate.label], parts[candidate.label] = candidate, part
     found = scores(problem, fit, parts, systems, backgrounds)
     return Screening(candidates, found, _sets(candidates, found))
+
+
+def _of_readings(problem: Problem, known: Mapping[str, Effect], name: str) -> Mapping[str, float]:
+    """Where the parameters of an effect of a sensor start as its readings say; empty where it is asked for while it vanishes."""
+    base, _, channel = name.partition(":")
+    if not channel or not known[base].starts:
+        return {}
+    mine = problem.channels.index(channel)
+    return known[base].starts(np.concatenate([d.y[d.channel == mine] for d in problem.runs]))[0]
 
 
 def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[CandidateSet, ...]:

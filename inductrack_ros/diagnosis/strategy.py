@@ -128,7 +128,7 @@ def exchange(task: Task, state: State) -> State:
     """
     twins, fits = {}, {}
     for name in [n for n in state.added if not n.startswith("stand_in")]:
-        others = rivals(task, state, name)
+        state, others = rivals(task, state, name)
         if others and others[0].cost(task) < state.cost(task) - TOLERANCE and not state.stands_in:
             return others[0].told(f"{others[0].added[-1]} instead of {name}")
         close = [o for o in others if o.added[-1] != name and o.fit.deviance < state.fit.deviance + TWINS]

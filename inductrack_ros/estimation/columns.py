@@ -51,11 +51,11 @@ def differences(
     return Columns(np.nan_to_num(inputs), np.nan_to_num(change))
 
 
-def of_switch(problem: Problem, fit: Fit, name: str) -> list[Columns]:
-    """What switching an effect without parameters (on, or off where it is on) would do to every run."""
+def of_switch(problem: Problem, fit: Fit, name: str, values: Mapping[str, float] | None = None) -> list[Columns]:
+    """What switching an effect with these values (on, or off where it is on) would do to every run."""
     here = Structure(fit.model, ())
-    there = here.minus(name) if name in here.effects else here.plus(name)
-    states = bool(fit.model.known_effects[name].states)
+    there = here.minus(name) if name in here.effects else here.plus(name, values, ())
+    states = bool(fit.model.known_effects[name.partition(":")[0]].states)
 
     def one(i: int) -> Columns:
         data, path, none = problem.runs[i], fit.paths[i], np.zeros((1, 0))
