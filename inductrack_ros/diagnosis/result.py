@@ -14,6 +14,7 @@ from ..checks import Finding
 from ..core.model import Model
 from ..core.plain_json import file_text, plain
 from ..core.uncertainty import Uncertainty
+from .law_result import Laws
 
 #: Unit of an unknown change of the thrust.
 OF_THRUST = "of the thrust"
@@ -186,6 +187,7 @@ class Diagnosis:
     seconds: float = 0.0
     log: tuple[str, ...] = ()
     uncertainty: Uncertainty | None = None
+    laws: Laws | None = None  # of an unknown force: closed forms in the table's place
 
     @property
     def interrupted(self) -> bool:
@@ -213,6 +215,8 @@ class Diagnosis:
                     "peak": self.unknown.peak,
                     "unit": self.unknown.unit,
                 },
+                "laws": [law.to_json() for law in self.laws.proposed] if self.laws else [],
+                "laws_in_words": self.laws.sentence if self.laws else None,
                 "next_experiment": self.next_experiment,
                 "steps": [
                     {"effects": list(s.effects), "reduced_chi2": s.reduced_chi2, "heldout_nrmse": s.heldout_nrmse}
@@ -234,10 +238,12 @@ class Diagnosis:
         )
 
     def write(self, folder: Path) -> None:
-        """Write ``diagnosis.json`` and ``model.yaml`` into a folder."""
+        """Write ``diagnosis.json`` and ``model.yaml`` into a folder, and the laws that are proposed with a model that has the best of them."""
         (folder / "diagnosis.json").write_text(file_text(self.to_json()), encoding="utf-8")
         found = ", ".join(self.effects) or "no effect added"
         comment = f"Diagnosis of {self.campaign}: {self.verdict.replace('_', ' ')}; {found}."
         if any(n.startswith("stand_in") for n in self.model.effects):
             comment += "\nstand_in_* is a smooth force in place of unknown physics: it predicts, it explains nothing."
         self.model.save(folder / "model.yaml", comment, self.uncertainty)
+        if self.laws is not None:
+            self.laws.write(folder, f"{self.campaign}: the best law proposed in place of the table; see proposed_effects.py.")

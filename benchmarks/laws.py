@@ -1,0 +1,152 @@
+"""How well closed forms are told from the table of an unknown force: laws drawn at random, tables with noise as the fits give them.
+
+    python benchmarks/laws.py --tables 400 --seed 1
+
+Each table is made of samples of a force along runs (where the variable dwells as runs do, with gaps), noise, and a smoothness chosen by
+evidence as in a diagnosis. Laws are drawn from the list and from outside it. Printed: how often the right law is in the set that the data
+cannot tell apart, how large that set is, how often a law is claimed where the truth is outside the list, and how often parameters lie in
+their 95 % intervals. No simulation is run, so this measures the choice among forms alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+
+import numpy as np
+
+from inductrack_ros.core.effects.stand_in import basis
+from inductrack_ros.diagnosis.law_fit import Table, fitted, likely
+from inductrack_ros.diagnosis.laws import Form, Range, forms_on
+from inductrack_ros.diagnosis.settings import FINE, MEDIUM, TWINS
+from inductrack_ros.diagnosis.smooth import smoothest_of
+from inductrack_ros.estimation.structure import roughness
+
+#: What runs cover of each variable: low and high, drawn between.
+COVERED = {
+    "surge": ((0.0, 0.0), (15.0, 45.0)), "time": ((0.0, 0.0), (0.8, 2.0)), "surge_rate": ((10.0, 18.0), (24.0, 40.0)),
+    "sway": ((-4e-3, -2e-3), (2e-3, 4e-3)), "heave": ((-7e-3, -5.5e-3), (-4e-3, -2e-3)), "sway_rate": ((-0.5, -0.2), (0.2, 0.5)),
+}  # fmt: skip
+
+
+def drawn_shape(rng, form: Form, r: Range) -> dict[str, float]:
+    """Shape parameters such that the form shows its shape within the range."""
+    L, far = r.length, r.far
+    of = {
+        "place": lambda: r.low + L * rng.uniform(0.25, 0.75),
+        "width": lambda: L * np.exp(rng.uniform(np.log(0.03), np.log(0.3))),
+        "gap": lambda: far * rng.uniform(0.1, 0.5),
+        "power": lambda: rng.choice([rng.uniform(0.4, 0.8), rng.uniform(1.3, 1.8), rng.uniform(2.3, 2.8)]),
+        "length": lambda: r.low + L * rng.uniform(0.2, 0.8) if r.low > 0 else far * rng.uniform(0.2, 0.8),
+        "signed length": lambda: L * rng.uniform(0.2, 0.8) * rng.choice([-1, 1]),
+        "wavelength": lambda: L * rng.uniform(0.08, 0.8),
+        "phase": lambda: rng.uniform(-np.pi, np.pi),
+    }
+    return {s.name: float(of[s.kind]()) for s in form.shapes}
+
+
+def inside(rng, variable: str, u: np.ndarray, r: Range):
+    """A law of the list: its form, force at u, and parameters at a scale of one."""
+    form = rng.choice([f for f in forms_on(variable, "heave") if f.name != "constant"])
+    shape = drawn_shape(rng, form, r)
+    columns = form.columns(u, list(shape.values()))
+    sizes = {t.size: float(rng.choice([-1, 1]) * rng.uniform(0.6, 1.4) / np.sqrt(np.mean(c**2))) for t, c in zip(form.terms, columns, strict=True)}
+    return form, form.value(u, {**sizes, **shape}), {**sizes, **shape}
+
+
+def outside(rng, u: np.ndarray, r: Range):
+    """A force that no form of the list is."""
+    x = (u - r.low) / r.length
+    a, b, c = rng.uniform(0.2, 0.8), rng.uniform(0.05, 0.15), rng.uniform(2, 5)
+    shapes = {
+        "two bumps": lambda: np.exp(-(((x - 0.4 * a) / b) ** 2)) - rng.uniform(0.4, 1) * np.exp(-(((x - 0.5 - 0.5 * a) / b) ** 2)),
+        "damped sine": lambda: np.exp(-3 * x) * np.sin(2 * np.pi * c * x),
+        "chirp": lambda: np.sin(2 * np.pi * (x + c * x**2)),
+        "sawtooth": lambda: (c * x) % 1.0,
+        "bipolar": lambda: (x - a) / b * np.exp(-(((x - a) / b) ** 2)),
+        "plateau": lambda: np.tanh((x - 0.3 * a) / 0.03) - np.tanh((x - 0.3 * a - 0.4) / 0.03),
+        "quintic": lambda: np.polynomial.chebyshev.chebval(2 * x - 1, rng.standard_normal(6) * [0, 0.3, 0.6, 1, 1, 1]),
+        "rough": lambda: sum(rng.standard_normal() * np.sin(np.pi * k * x + rng.uniform(0, 6)) / k for k in range(1, 9)),
+    }
+    name = str(rng.choice(list(shapes)))
+    return name, shapes[name]()
+
+
+def table_of(rng, variable: str, r: Range, u: np.ndarray, force: np.ndarray, noise: float) -> Table:
+    """The table that a fit makes of samples of the force, as smooth as its evidence says."""
+    y = force + noise * rng.standard_normal(len(u))
+    best = None
+    for intervals in (MEDIUM, FINE) if variable in ("surge", "time") else (MEDIUM,):
+        step = r.length / intervals
+        B = basis(u, r.low, step, intervals + 1)
+        gram, score = B.T @ B / noise**2, B.T @ y / noise**2
+        smooth = smoothest_of("stand_in_heave", gram, score)
+        if best is None or smooth.promise > best[0].promise:
+            best = smooth, gram, step
+    smooth, gram, step = best
+    covariance = np.linalg.inv(gram + roughness("stand_in_heave", len(smooth.values), smooth.weight))
+    return Table.of("stand_in_heave", variable, r.low, step, smooth.values, covariance, smooth.weight)
+
+
+def samples_of(rng, variable: str, r: Range, n: int) -> np.ndarray:
+    """Where runs dwell: everywhere along the track and in time, most near the middle of an oscillation."""
+    if variable in ("surge", "time", "surge_rate"):
+        u = rng.uniform(r.low, r.high, n)
+    else:
+        middle = 0.5 * (r.low + r.high)
+        u = middle + 0.5 * r.length * np.sin(rng.uniform(0, 2 * np.pi, n)) * np.sqrt(rng.uniform(0, 1, n))
+    return np.sort(u)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tables", type=int, default=400)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--misses", action="store_true", help="print every law that was missed or wrongly claimed")
+    given = parser.parse_args()
+    rng = np.random.default_rng(given.seed)
+    counts, sets, covered, missed = collections.Counter(), [], [], collections.Counter()
+    for k in range(given.tables):
+        variable = str(rng.choice(list(COVERED)))
+        low, high = (rng.uniform(*pair) for pair in COVERED[variable])
+        r = Range(float(low), float(high))
+        n = int(rng.integers(1000, 8000))
+        u = samples_of(rng, variable, r, n)
+        of_list = k % 2 == 0
+        what, force, truth = inside(rng, variable, u, r) if of_list else (*outside(rng, u, r), {})
+        scale = 1.0 / np.std(force)
+        signal = float(np.exp(rng.uniform(np.log(15.0), np.log(300.0))))  # over noise, all samples together
+        force, noise = force * scale, np.sqrt(n) / signal
+        fits = fitted(table_of(rng, variable, r, u, force, noise), n)
+        found = likely(fits, TWINS)
+        if of_list:
+            counts["inside"] += 1
+            mine = next((f for f in found if f.form.name == what.name), None)
+            counts["in the set"] += mine is not None
+            counts["said none"] += not found
+            counts["alone"] += len(found) == 1 and mine is not None
+            sets.append(len(found))
+            if mine:
+                sizes = {t.size for t in what.terms}
+                for p, v in truth.items():
+                    off = mine.parameters[p] - v * (scale if p in sizes else 1.0)
+                    off = (off + np.pi) % (2 * np.pi) - np.pi if p == "phase" else off
+                    covered.append(abs(off) < 1.96 * mine.deviations[p])
+            elif given.misses:
+                missed[what.name, found[0].form.name if found else "none"] += 1
+        else:
+            counts["outside"] += 1
+            counts["false"] += bool(found)
+            counts["one false"] += len(found) == 1
+            if found and given.misses:
+                missed[what, found[0].form.name] += 1
+    i, o = max(counts["inside"], 1), max(counts["outside"], 1)
+    print(f"laws of the list: {i}; right law in the set {100 * counts['in the set'] / i:.0f} %, alone {100 * counts['alone'] / i:.0f} %, none said {100 * counts['said none'] / i:.0f} %, forms in the set {np.mean(sets):.1f}")
+    print(f"their parameters in the 95 % interval: {100 * np.mean(covered):.0f} % of {len(covered)}")
+    print(f"laws outside the list: {o}; a law of the list claimed {100 * counts['false'] / o:.0f} %, one alone {100 * counts['one false'] / o:.0f} %")
+    for (truth, said), times in missed.most_common():
+        print(f"  {truth}: {said}, {times}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,200 @@
+"""Closed forms fitted to the table of an unknown force, with what the data say of the table as weight.
+
+A fitted table is as smooth as its prior makes it. Here the prior is taken out again: what is left is the data's own Gaussian
+statement about the table, as independent numbers of unit noise (`Table`). Every form is fitted to these by variable projection
+(Golub and Pereyra 1973): sizes by linear least squares, shapes from a grid of starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy import optimize, stats
+
+from ..core.effects.stand_in import basis
+from ..estimation.structure import ENDS, roughness
+from .laws import Form, Range, forms_on
+
+#: Directions of a table count as seen where the data say at least this part of what the prior of its smoothness says.
+SEEN = 0.01
+#: Directions whose prior precision is beyond this, over those of the stiffest and of the data, are lost in rounding.
+SURE = 1e14
+#: Points at which forms are laid on a table; starts that are polished; most combinations of starts.
+POINTS, POLISHED, MOST_STARTS = 300, 3, 600
+#: Two forms with columns as parallel as this are one over the range of the data.
+SAME = 1e-9
+#: A form is turned down where its misfit to the data is one that chance reaches in this part of cases.
+LEVEL = 0.001
+
+
+@dataclass(frozen=True)
+class Table:
+    """What data say of an unknown force over a variable: ``told`` (d,) = ``shown`` (d, n) · force at ``u`` (n,), noise of unit variance.
+
+    A constant is not seen of a change of the thrust, for γ does the same (``level``: it is taken out).
+    """
+
+    acts_on: str
+    variable: str
+    u: np.ndarray
+    told: np.ndarray
+    shown: np.ndarray
+    level: bool = False
+
+    @property
+    def range(self) -> Range:
+        """What of the variable it covers."""
+        return Range(float(self.u[0]), float(self.u[-1]))
+
+    @property
+    def seen(self) -> int:
+        """How many independent numbers the data give."""
+        return len(self.told) - self.level
+
+    @classmethod
+    def of(cls, name: str, variable: str, start: float, step: float, values: np.ndarray, covariance: np.ndarray, weight: float, local: bool = False) -> Table:
+        """From a stand-in's fitted values (l,), their covariance (l, l) and the ``weight`` of its roughness."""
+        count, free = len(values), slice(ENDS, -ENDS) if local else slice(None)
+        plain, bent = (roughness(name, count, w)[free, free] for w in (0.0, 1.0))
+        bends, modes = np.linalg.eigh(bent - plain)
+        prior = plain[0, 0] + weight * np.where(bends > 1e-12 * bends[-1], bends, 0.0)
+        held = covariance[free, free]
+        sure = prior < SURE / (prior[-1] * np.linalg.norm(held, 2) ** 2)  # of bends that the prior holds far harder nothing is known
+        modes, prior = modes[:, sure], prior[sure]
+        root = np.sqrt(prior)[:, None] * modes.T
+        whole = root @ held @ root.T
+        left, vectors = np.linalg.eigh(0.5 * (whole + whole.T))
+        left = np.clip(left, 1e-14, 1.0 - 1e-14)
+        said = 1.0 / left - 1.0  # the data's precision over the prior's
+        seen = said > SEEN
+        directions = vectors[:, seen].T @ root
+        told = np.sqrt(said[seen]) * (directions @ values[free]) / (1.0 - left[seen])
+        u = start + np.linspace(0.0, count - 1.0, POINTS) * step
+        laid = np.linalg.pinv(basis(u, start, step, count), rcond=1e-8)[free]
+        return cls(name.removeprefix("stand_in_"), variable, u, told, np.sqrt(said[seen])[:, None] * directions @ laid, name == "stand_in_thrust")
+
+    def lay(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (n, k) of forces as the data see them, (d, k)."""
+        seen = self.shown @ np.nan_to_num(columns, posinf=0.0, neginf=0.0)
+        return self._plain(seen)
+
+    @property
+    def wanted(self) -> np.ndarray:
+        """What a form is to give, (d,)."""
+        return self._plain(self.told[:, None])[:, 0]
+
+    def _plain(self, seen: np.ndarray) -> np.ndarray:
+        if not self.level:
+            return seen
+        q = self.shown.sum(axis=1)
+        q = q / max(np.linalg.norm(q), 1e-300)
+        return seen - np.outer(q, q @ seen)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A form fitted to a table: its parameters with their standard deviations, the misfit χ² of ``dof`` degrees of freedom, the p-value of that, and what it costs
+    (χ² and log n for each parameter, Schwarz 1978)."""
+
+    form: Form
+    parameters: Mapping[str, float]
+    deviations: Mapping[str, float]
+    misfit: float
+    dof: int
+    cost: float
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a misfit as large if the form is true."""
+        return float(stats.chi2.sf(self.misfit, self.dof)) if self.dof > 0 else 1.0
+
+
+def fitted(table: Table, samples: int, forms: Sequence[Form] | None = None) -> list[Fitted]:
+    """All forms that make sense on a table's variable, fitted, cheapest first; ``samples`` (n) were measured."""
+    found: list[tuple[Fitted, np.ndarray]] = []
+    for form in forms_on(table.variable, table.acts_on) if forms is None else forms:
+        parameters, misfit = _fitted(table, form)
+        one = Fitted(form, parameters, _deviations(table, form, parameters), misfit, table.seen - form.count, misfit + form.count * float(np.log(max(samples, 2))))
+        laid = table.lay(form.value(table.u, parameters)[:, None])[:, 0]
+        if not any(f.form.count == form.count and _parallel(laid, other) for f, other in found):
+            found.append((one, laid))
+    return sorted((f for f, _ in found), key=lambda f: f.cost)
+
+
+def likely(fits: Sequence[Fitted], within: float) -> list[Fitted]:
+    """The forms that the data do not turn down and cannot tell from the best of these: none costs ``within`` more."""
+    left = [f for f in fits if f.p_value > LEVEL]
+    return [f for f in left if f.cost < left[0].cost + within]
+
+
+def _deviations(table: Table, form: Form, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Standard deviations of a form's parameters, to first order."""
+    slopes = []
+    for name in form.names:
+        step = 1e-5 * max(abs(parameters[name]), 1e-3 * table.range.length if name in (s.name for s in form.shapes) else 1e-12)
+        ahead, behind = (form.value(table.u, {**parameters, name: parameters[name] + h}) for h in (step, -step))
+        slopes.append((ahead - behind) / (2.0 * step))
+    columns = table.lay(np.column_stack(slopes))
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    covariance = np.linalg.pinv((columns / scale).T @ (columns / scale), rcond=1e-12, hermitian=True)
+    return dict(zip(form.names, (np.sqrt(np.diag(covariance)) / scale).tolist(), strict=True))
+
+
+def _parallel(a: np.ndarray, b: np.ndarray) -> bool:
+    size = float((a @ a) * (b @ b))
+    return size > 0 and 1.0 - float(a @ b) ** 2 / size < SAME
+
+
+def _fitted(table: Table, form: Form) -> tuple[dict[str, float], float]:
+    """Parameters and χ² of one form."""
+    wanted = table.wanted
+    if not form.shapes:
+        sizes, misfit = _sizes(table, form, [], wanted)
+        return dict(zip(form.names, sizes.tolist(), strict=True)), misfit
+    grid = _starts(table, form)
+    low, high = np.array([table.range.bounds(s.kind) for s in form.shapes]).T
+    scale = np.array([max(abs(h - lo), 1e-300) for lo, h in zip(low, high, strict=True)])
+
+    def left(shape: np.ndarray) -> np.ndarray:
+        columns = table.lay(np.column_stack(form.columns(table.u, shape * scale)))
+        return wanted - columns @ _solved(columns, wanted)
+
+    best = None
+    for start in sorted(grid, key=lambda s: s[1])[:POLISHED]:
+        begin = np.clip(start[0], low + 1e-9 * scale, high - 1e-9 * scale) / scale
+        done = optimize.least_squares(left, begin, bounds=(low / scale, high / scale), x_scale="jac", max_nfev=60)
+        if best is None or done.cost < best.cost:
+            best = done
+    sizes, misfit = _sizes(table, form, best.x * scale, wanted)
+    return dict(zip(form.names, [*sizes.tolist(), *(best.x * scale).tolist()], strict=True)), misfit
+
+
+def _starts(table: Table, form: Form) -> list[tuple[np.ndarray, float]]:
+    """Shapes from a grid with the χ² of each."""
+    grid = np.array(list(product(*(table.range.starts(s.kind) for s in form.shapes))))
+    if len(grid) > MOST_STARTS:
+        grid = grid[:: len(grid) // MOST_STARTS + 1]
+    columns = [table.lay(c) for c in form.columns(table.u, grid)]
+    wanted = table.wanted
+    found = []
+    for k, shape in enumerate(grid):
+        mine = np.column_stack([c[:, k] for c in columns])
+        rest = wanted - mine @ _solved(mine, wanted)
+        found.append((shape, float(rest @ rest)))
+    return found
+
+
+def _solved(columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Sizes (t,) by least squares of columns (d, t) of any scale."""
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.linalg.lstsq(columns / scale, wanted, rcond=1e-10)[0] / scale
+
+
+def _sizes(table: Table, form: Form, shape: Sequence[float], wanted: np.ndarray) -> tuple[np.ndarray, float]:
+    columns = table.lay(np.column_stack(form.columns(table.u, shape)))
+    sizes = _solved(columns, wanted)
+    rest = wanted - columns @ sizes
+    return sizes, float(rest @ rest)

@@ -1,0 +1,140 @@
+"""From the table of an unknown force to laws: all forms against the table, the best refitted in full in its place, ranked by evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from ..core.effects.stand_in import VARIABLES
+from ..core.model import Model
+from ..estimation.structure import Structure
+from . import law_words
+from .law_code import FILE, Written, module_text
+from .law_fit import LEVEL, Table, fitted
+from .law_result import Laws, ProposedLaw
+from .law_structure import LawStructure
+from .laws import Range, unit_of
+from .result import Step
+from .settings import NEAR, TWINS
+
+#: Forms that are refitted in full: the best few, of those that the table alone does not turn down beyond this p-value
+#: (a table is a first-order statement, so the refit is to have the last word).
+REFITTED, HOPELESS = 4, 1e-9
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """How a diagnosis refits: ``refit`` (structure, theta) gives a fit, ``misfit`` twice its negative log likelihood without priors,
+    ``step`` (fit, effects) its errors on all runs and on runs left out; ``samples`` were measured."""
+
+    refit: Callable[[Structure, np.ndarray], Any]
+    misfit: Callable[[Any], float]
+    step: Callable[[Any, tuple[str, ...]], Step]
+    samples: int
+
+
+def propose_laws(estimator: Estimator, fit: Any, name: str, occam: float, at: np.ndarray, tell: Callable[[str], None] = lambda _: None) -> Laws:
+    """Laws in the place of a fit's stand-in ``name``, whose freedom has the price ``occam``; their curves are given ``at`` (n,) of its variable."""
+    table = table_of(fit, name)
+    screened = fitted(table, estimator.samples)
+    tried = [s for s in screened if s.p_value > HOPELESS and s.cost < screened[0].cost + NEAR][:REFITTED] or screened[:1]
+    tell(f"closed forms in place of the table: {', '.join(s.form.title for s in tried)}")
+    written = [Written(s.form, table.acts_on, table.variable, s.parameters, table.range) for s in tried]
+    before = estimator.misfit(fit)
+    found: list[tuple[Any, Written, ProposedLaw]] = []
+    for law in written:
+        new = _refitted(estimator, fit, name, law)
+        found.append((new, law, _judged(estimator, new, law, before, occam, table.seen, len(screened), at)))
+    found.sort(key=lambda f: -f[2].evidence)
+    holding = [f for f in found if f[2].p_value > LEVEL]
+    holding = [f for f in holding if f[2].evidence > holding[0][2].evidence - TWINS]
+    best = (holding or found)[0]
+    tell(f"how well {best[2].title} predicts runs left out")
+    step = estimator.step(best[0], (best[2].name,))
+    first = replace(best[2], reduced_chi2=step.reduced_chi2, heldout_nrmse=step.heldout_nrmse)
+    if not holding:
+        return Laws(len(screened), nearest=first)
+    proposed = (first, *(f[2] for f in holding[1:]))
+    code = module_text([_documented(w, law) for (_, w, _), law in zip(holding, proposed, strict=True)], HEADER)
+    settles = _settles([f[1] for f in holding], [f[0] for f in holding])
+    return Laws(len(screened), proposed, None, settles, _model_with(best[0], name, first), code)
+
+
+HEADER = """Laws proposed by a diagnosis for a force that no known effect explains. PROPOSED: they describe these data; nobody has shown that they
+are the physics. Edit them as you like, then
+
+    inductrack diagnose CAMPAIGN --effects proposed_effects.py --output DIR     # they compete with all known effects
+    inductrack add NAME CAMPAIGN --effects proposed_effects.py --output DIR     # one of them, whatever competes
+"""
+
+
+def table_of(fit: Any, name: str) -> Table:
+    """What a fit says of its stand-in's table."""
+    mine = fit.structure.tables[name]
+    scale, about = fit.structure.scale[mine], fit.structure.model.effects[name]
+    covariance = fit.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
+    weight, local = fit.structure.smoothness.get(name, 0.0), name in fit.structure.local
+    return Table.of(name, VARIABLES[int(about["variable"])], about["start"], about["step"], fit.theta[mine] * scale, covariance, weight, local)
+
+
+def _refitted(estimator: Estimator, fit: Any, name: str, law: Written) -> Any:
+    """Everything refitted with the law in the table's place, from where the fit and the law's own fit to the table stand."""
+    structure = LawStructure.of(fit.structure, name, law)
+    theta = structure.start.copy()
+    own = dict(zip(fit.structure.free, fit.theta, strict=True))
+    for k, n in enumerate(structure.free):
+        theta[k] = own.get(n, theta[k])
+    return estimator.refit(structure, theta)
+
+
+def _judged(
+    estimator: Estimator, new: Any, law: Written, before: float, occam: float, seen: int, tried: int, at: np.ndarray
+) -> ProposedLaw:
+    values, deviations = _own(new.values, law.name), _own(new.deviations, law.name)
+    excess, dof = estimator.misfit(new) - before, max(seen - law.form.count, 1)
+    price = law.form.count * np.log(estimator.samples) + 2.0 * np.log(tried)
+    about = law.acts_on, law.variable
+    return ProposedLaw(
+        law.name, law.form.title, law_words.formula(law.form, law.variable),
+        {p: (values[p], deviations[p], unit_of(law.form, p, *about)) for p in law.form.names},
+        law_words.reading(law.form, *about, values, deviations),
+        float(occam - excess - price), float(stats.chi2.sf(max(excess, 0.0), dof)) if np.isfinite(excess) else 0.0, law.form.value(at, values),
+    )  # fmt: skip
+
+
+def _own(values: Mapping[str, float], name: str) -> dict[str, float]:
+    return {n.removeprefix(f"{name}."): v for n, v in values.items() if n.startswith(f"{name}.")}
+
+
+def _documented(written: Written, law: ProposedLaw) -> Written:
+    """The law with its refitted values and its evidence in words."""
+    lines = [
+        f"Proposed: {law.words}.", "",
+        f"    Twice the log evidence over a table of any shape: {law.evidence:.0f}. Seen from {written.covered.low:.4g} to {written.covered.high:.4g} of {written.variable};",
+        "    beyond that nothing is known.", "    ",
+    ]  # fmt: skip
+    return replace(written, values={p: v for p, (v, _, _) in law.parameters.items()}, words="\n".join(lines))
+
+
+def _model_with(fit: Any, name: str, law: ProposedLaw) -> Model:
+    """The fitted model with the law as an effect of the file beside it, wherever the folder goes."""
+    effects = {n: v for n, v in fit.model.effects.items() if n != name} | {law.name: {p: v for p, (v, _, _) in law.parameters.items()}}
+    return replace(fit.model, effects=effects, effect_files=(*fit.model.effect_files, FILE))
+
+
+def _settles(laws: Sequence[Written], fits: Sequence[Any]) -> str:
+    """Where the laws that data cannot tell apart differ most, half the range beyond them included."""
+    if len(laws) < 2:
+        return ""
+    r: Range = laws[0].covered
+    u = np.linspace(r.low - 0.5 * r.length, r.high + 0.5 * r.length, 401)
+    if laws[0].variable in ("surge", "time", "surge_rate", "drive"):
+        u = u[u >= 0.0]
+    first, second = (law.form.value(u, _own(f.values, law.name)) for law, f in zip(laws[:2], fits[:2], strict=True))
+    where = float(u[np.argmax(np.abs(first - second))])
+    beyond = " (these did not)" if not r.low <= where <= r.high else ""
+    return f"Runs that dwell near {law_words.CALLED[laws[0].variable]} = {where:.3g}{beyond} would tell the first two apart."
