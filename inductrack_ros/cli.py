@@ -206,7 +206,8 @@ def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
         "Fits the free parameters and every run's initial state, decides whether anything is missing, and if so which\n"
         "effect, how large, and what run would settle what these data leave open. A minute for a dozen runs; Ctrl-C\n"
         "while it searches reports what was found until then.\n"
-        "Writes report.html, diagnosis.json and model.yaml, the improved model."
+        "Writes report.html, diagnosis.json and model.yaml, the improved model; for a force that no known effect explains also\n"
+        "proposed_effects.py and model_proposed.yaml, where a closed form describes it."
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 from test_reports_browser import BROWSER, open_page
 
 from inductrack_ros.core.model import Model
+from inductrack_ros.diagnosis.law_result import Laws, ProposedLaw
 from inductrack_ros.diagnosis.result import Diagnosis, Limit, Proposal, Rival, RunTraces, Step, Unknown
 from inductrack_ros.diagnosis.result import Test as ScoreTest
 from inductrack_ros.reports.diagnosis_report import diagnosis_report
@@ -99,12 +100,30 @@ def adequate() -> Diagnosis:
     return made(limits=(Limit("aerodynamic_drag", "drag_area", "m²", 3e-4), Limit(DELAY, "delay", "s", 2e-5)))
 
 
+def proposed() -> Diagnosis:
+    """An unknown with two laws that the data cannot tell apart."""
+    base = unknown()
+    law = ProposedLaw(
+        "proposed_bump_heave_on_surge", f"a bump {NASTY}", "F exp(−((z − z₀)/w)²)", {"force": (-12.0, 0.1, "N"), "place": (8.0, 0.01, "m")},
+        "a bump in words", 41.0, 0.6, base.unknown.force, 1.0, 1.01,
+    )  # fmt: skip
+    return replace(base, laws=Laws(9, (law, replace(law, name="other", title="a raised cosine")), None, "Runs that dwell there would tell."))
+
+
+def unlawful() -> Diagnosis:
+    """An unknown that no form describes."""
+    law = proposed().laws.proposed[0]
+    return replace(unknown(), laws=Laws(9, nearest=replace(law, p_value=1e-9)))
+
+
 ALL = {
     "adequate": adequate,
     "one": lambda: made((DRAG,)),
     "two": lambda: made((DRAG, DELAY)),
     "confused": confused,
     "unknown": unknown,
+    "an unknown with laws": proposed,
+    "an unknown without": unlawful,
     "one and an unknown": lambda: replace(unknown(), effects=(DRAG,)),
 }
 
@@ -177,3 +196,10 @@ def test_it_opens_without_a_complaint(which, tmp_path):
     )
     assert seen["plots"] == seen["drawn"] >= 3
     assert seen["wide"] <= 0
+
+
+def test_a_law_is_proposed_and_none_is_claimed():
+    assert "Proposed, not proven" in diagnosis_report(proposed()) and "raised cosine" in verdict(proposed())
+    page = diagnosis_report(unlawful())
+    assert "None of the 9 forms tried describes it" in page and "proposed_effects.py" not in page
+    assert unlawful().to_json()["laws"] == [] and [law["name"] for law in proposed().to_json()["laws"]][1] == "other"

@@ -117,6 +117,7 @@ def fitted(table: Table, samples: int, forms: Sequence[Form] | None = None) -> l
     found: list[tuple[Fitted, np.ndarray]] = []
     for form in forms_on(table.variable, table.acts_on) if forms is None else forms:
         parameters, misfit = _fitted(table, form)
+        parameters = _canonical(form, parameters)
         one = Fitted(form, parameters, _deviations(table, form, parameters), misfit, table.seen - form.count, misfit + form.count * float(np.log(max(samples, 2))))
         laid = table.lay(form.value(table.u, parameters)[:, None])[:, 0]
         if not any(f.form.count == form.count and _parallel(laid, other) for f, other in found):
@@ -170,6 +171,14 @@ def _fitted(table: Table, form: Form) -> tuple[dict[str, float], float]:
             best = done
     sizes, misfit = _sizes(table, form, best.x * scale, wanted)
     return dict(zip(form.names, [*sizes.tolist(), *(best.x * scale).tolist()], strict=True)), misfit
+
+
+def _canonical(form: Form, parameters: dict[str, float]) -> dict[str, float]:
+    """One of the parameter sets that do the same: a sine has a positive amplitude and a phase within π of none."""
+    if not any(s.kind == "phase" for s in form.shapes):
+        return parameters
+    turned = parameters["phase"] + (np.pi if parameters["force"] < 0 else 0.0)
+    return {**parameters, "force": abs(parameters["force"]), "phase": float((turned + np.pi) % (2 * np.pi) - np.pi)}
 
 
 def _starts(table: Table, form: Form) -> list[tuple[np.ndarray, float]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..diagnosis.result import Diagnosis, Limit, Step
 from .diagnosis_words import DEPENDS, declared, finite, full, law, of_sensor
+from .law_section import curves
 from .page import Figure, packed
 from .words import effect_name, listed, number, ratio
 
@@ -103,7 +104,10 @@ def unknown_figure(result: Diagnosis) -> Figure:
         "yaxis": {"title": f"{what}, {unit}", "zeroline": True, "zerolinecolor": "@soft"},
         "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
     }
-    return Figure([band, line], layout, f"The {what} that no effect explains over {on}", 330)
+    laws = curves(result, unknown, factor)
+    if laws:
+        line |= {"showlegend": True, "name": "table"}
+    return Figure([band, line, *laws], layout, f"The {what} that no effect explains over {on}", 330)
 
 
 def limits_figure(result: Diagnosis) -> Figure:

@@ -25,10 +25,12 @@ from .diagnosis_words import (
     verdict,
 )
 from .explorer import Opening, RunTraces, Trace, explorer
+from .law_section import law_section
 from .page import Figure, Page, bullets, folded, joined, markup, table
 from .words import counted, effect_name, in_channel, listed, number, ratio, sized, title
 
 TONES = {"adequate": "good", "missing_effect": "bad", "unknown_effect": "warn"}
+LAWS_DRAWN = ", and the laws nearest to it refitted in its place"
 #: Rivals shown of each round; the rest is folded away.
 SHOWN = 8
 
@@ -45,6 +47,8 @@ def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str]
         findings=result.findings,
     )
     page.picture(_picture(page, result))
+    if result.laws is not None:
+        page.section("A law for it" if result.laws.proposed else "No law for it", law_section(result))
     if result.indistinguishable or result.next_experiment:
         page.section("Still open", _open(result))
     if result.limits and result.verdict == "adequate":
@@ -101,7 +105,7 @@ def _lead(result: Diagnosis) -> str:
 
 def _picture(page: Page, result: Diagnosis) -> str:
     if result.unknown is not None and len(result.unknown.at):
-        return page.figure(unknown_figure(result), "The missing force, as the data show it, with its 95 % band.")
+        return page.figure(unknown_figure(result), f"The missing force, as the data show it, with its 95 % band{LAWS_DRAWN if result.laws else ''}.")
     if len(result.steps) > 1:
         return page.figure(steps_figure(result), "Each step adds one effect and refits everything. 1 is noise alone.")
     if result.limits:

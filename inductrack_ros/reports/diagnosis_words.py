@@ -46,15 +46,17 @@ def verdict(result: Diagnosis) -> str:
     what, _, on = law(result.unknown)
     depends = listed([DEPENDS[d][0] for d in on])
     force = f"{what}{f' that depends on {depends}' if depends else ''}{_peak(result.unknown)}"
-    return f"{missing}Besides, {force}, which no known effect explains." if found else f"No known effect explains {force}."
+    return (f"{missing}Besides, {force}, which no known effect explains." if found else f"No known effect explains {force}.") + _proposed(result)
 
 
-def _besides(result: Diagnosis) -> str:
-    """What an answer leaves besides noise, by its findings."""
-    kinds = {f.kind for f in result.findings}
-    words = {"shaken": "what shakes the cradle", "run_to_run": "what differs from run to run", "bad_run": "one run that does not belong"}
-    named = [text for kind, text in words.items() if kind in kinds]
-    return f" and {listed(named)}" if named else ""
+def _proposed(result: Diagnosis) -> str:
+    """What became of the laws that were tried in place of an unknown force, in short."""
+    if result.laws is None:
+        return ""
+    if not result.laws.proposed:
+        return f" None of {result.laws.tried} closed forms describes it."
+    titles = [law.title for law in result.laws.proposed]
+    return f" A law is proposed for it: {titles[0]}." if len(titles) == 1 else f" Laws are proposed for it: {listed(titles, 'or')}."
 
 
 def addition(result: Diagnosis) -> str:
