@@ -19,8 +19,8 @@ from inductrack_ros.diagnosis.law_code import Written, module_text
 from inductrack_ros.diagnosis.law_fit import Table, fitted, likely
 from inductrack_ros.diagnosis.law_words import quantity
 from inductrack_ros.diagnosis.laws import FORMS, Range, forms_on, unit_of
-from inductrack_ros.diagnosis.laws_in_place import laws_of_nodes
 from inductrack_ros.diagnosis.moves import State, Task, with_law
+from inductrack_ros.diagnosis.propose_laws import propose_laws
 from inductrack_ros.diagnosis.screening import laws
 from inductrack_ros.diagnosis.settings import TWINS
 from inductrack_ros.diagnosis.smooth import smoothest_of
@@ -137,7 +137,7 @@ def spring(tmp_path_factory):
     task, state = Task(problem), State(base)
     found = laws(problem, base, linearise_all(problem, base), ["sway"], ["sway"])
     state = with_law(task, state, next(f for f in found if f.acts_on == "sway"))
-    return truth, answer.unknown_of(state), laws_of_nodes(task, state, answer.unknown_of(state), problem.sigma)
+    return truth, answer.unknown_of(state), propose_laws(task, state, answer.unknown_of(state), problem.sigma)
 
 
 def test_a_hidden_spring_comes_back_as_a_law(spring):

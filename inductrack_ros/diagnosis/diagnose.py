@@ -22,8 +22,8 @@ from . import answer, background, errors, support
 from .experiment import propose
 from .findings import findings, hidden_by, outlying
 from .known import uncertainty_of
-from .laws_in_place import laws_of_nodes
 from .moves import State, Task
+from .propose_laws import propose_laws
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
 from .settings import FIRST_STEPS, UNDETERMINED
 from .strategy import add_background, search
@@ -112,7 +112,7 @@ def diagnosis_of(campaign: Campaign, task: Task, state: State, base: Fit, undete
         seconds=time.monotonic() - began,
         log=state.log,
         uncertainty=uncertainty_of(f),
-        laws=laws_of_nodes(task, state, unknown, sigma),
+        laws=propose_laws(task, state, unknown, sigma),
     )
 
 

@@ -48,9 +48,10 @@ def _effect_text(law: Written) -> str:
     total = " + ".join(_product(t.size, t.expression) for t in law.form.terms)
     total = re.sub(r"\bu\b", argument, total)
     names = ", ".join([argument, *law.form.names])
-    target = f'adds="{_ADDS[law.acts_on]}"'
     if law.acts_on == "thrust":
         names, total, target = f"thrust, {names}", f"thrust * (1.0 + {total})", 'changes="thrust"'
+    else:
+        target = f'adds="{_ADDS[law.acts_on]}"'
     declared = "".join(f"        {_declaration(law, p)},\n" for p in law.form.names)
     words = f'    """{law.words}"""\n' if law.words else ""
     return f"@effect(\n    {target},\n    parameters={{\n{declared}    }},\n)\ndef {law.name}({names}):\n{words}    return {total}\n"

@@ -23,7 +23,7 @@ SEEN = 0.01
 #: Directions whose prior precision is beyond this, over those of the stiffest and of the data, are lost in rounding.
 SURE = 1e14
 #: Points at which forms are laid on a table; starts that are polished; most combinations of starts.
-POINTS, POLISHED, MOST_STARTS = 300, 3, 600
+POINTS, POLISHED, MOST_STARTS = 240, 3, 600
 #: Two forms with columns as parallel as this are one over the range of the data.
 SAME = 1e-9
 #: A form is turned down where its misfit to the data is one that chance reaches in this part of cases.
@@ -166,7 +166,7 @@ def _fitted(table: Table, form: Form) -> tuple[dict[str, float], float]:
     best = None
     for start in sorted(grid, key=lambda s: s[1])[:POLISHED]:
         begin = np.clip(start[0], low + 1e-9 * scale, high - 1e-9 * scale) / scale
-        done = optimize.least_squares(left, begin, bounds=(low / scale, high / scale), x_scale="jac", max_nfev=60)
+        done = optimize.least_squares(left, begin, bounds=(low / scale, high / scale), x_scale="jac", max_nfev=30)
         if best is None or done.cost < best.cost:
             best = done
     sizes, misfit = _sizes(table, form, best.x * scale, wanted)

@@ -2,59 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
 from ..core.effects.stand_in import VARIABLES
 from ..core.model import Model
-from ..estimation.structure import Structure
+from ..estimation import shooting
+from ..estimation.shooting import Fit
 from . import law_words
+from .errors import step_of
 from .law_code import FILE, Written, module_text
 from .law_fit import LEVEL, Table, fitted
 from .law_result import Laws, ProposedLaw
 from .law_structure import LawStructure
 from .laws import Range, unit_of
-from .result import Step
-from .settings import NEAR, TWINS
+from .moves import State, Task
+from .result import Unknown
+from .settings import NEAR, REFIT_STEPS, TWINS
 
 #: Forms that are refitted in full: the best few, of those that the table alone does not turn down beyond this p-value
 #: (a table is a first-order statement, so the refit is to have the last word).
 REFITTED, HOPELESS = 4, 1e-9
 
 
-@dataclass(frozen=True)
-class Estimator:
-    """How a diagnosis refits: ``refit`` (structure, theta) gives a fit, ``misfit`` twice its negative log likelihood without priors,
-    ``step`` (fit, effects) its errors on all runs and on runs left out; ``samples`` were measured."""
+def propose_laws(task: Task, state: State, unknown: Unknown | None, sigma: np.ndarray) -> Laws | None:
+    """Laws in the place of the force of any shape at the end of a search; None where there is none, or the search was broken off.
 
-    refit: Callable[[Structure, np.ndarray], Any]
-    misfit: Callable[[Any], float]
-    step: Callable[[Any, tuple[str, ...]], Step]
-    samples: int
-
-
-def propose_laws(estimator: Estimator, fit: Any, name: str, occam: float, at: np.ndarray, tell: Callable[[str], None] = lambda _: None) -> Laws:
-    """Laws in the place of a fit's stand-in ``name``, whose freedom has the price ``occam``; their curves are given ``at`` (n,) of its variable."""
+    ``unknown`` is its curve, ``sigma`` (c,) the noise over which errors are told.
+    """
+    name = next((n for n in state.added if n.startswith("stand_in")), None)
+    if name is None or unknown is None or state.stopped:
+        return None
+    fit, samples = state.fit, task.problem.samples
+    occam = dict(state.freedom)[name]
     table = table_of(fit, name)
-    screened = fitted(table, estimator.samples)
+    screened = fitted(table, samples)
     tried = [s for s in screened if s.p_value > HOPELESS and s.cost < screened[0].cost + NEAR][:REFITTED] or screened[:1]
-    tell(f"closed forms in place of the table: {', '.join(s.form.title for s in tried)}")
+    task.tell(f"closed forms in place of the table: {', '.join(s.form.title for s in tried)}")
     written = [Written(s.form, table.acts_on, table.variable, s.parameters, table.range) for s in tried]
-    before = estimator.misfit(fit)
-    found: list[tuple[Any, Written, ProposedLaw]] = []
+    found: list[tuple[Fit, Written, ProposedLaw]] = []
     for law in written:
-        new = _refitted(estimator, fit, name, law)
-        found.append((new, law, _judged(estimator, new, law, before, occam, table.seen, len(screened), at)))
+        new = _refitted(task, fit, name, law)
+        excess = _misfit(new) - _misfit(fit)
+        price = law.form.count * float(np.log(samples)) + 2.0 * float(np.log(len(screened)))
+        found.append((new, law, _judged(new, law, excess, table.seen, occam - price, unknown.at)))
     found.sort(key=lambda f: -f[2].evidence)
     holding = [f for f in found if f[2].p_value > LEVEL]
     holding = [f for f in holding if f[2].evidence > holding[0][2].evidence - TWINS]
     best = (holding or found)[0]
-    tell(f"how well {best[2].title} predicts runs left out")
-    step = estimator.step(best[0], (best[2].name,))
+    task.tell(f"how well {best[2].title} predicts runs left out")
+    shown = (*(n for n in state.added if n != name), best[2].name)
+    step = step_of(task.problem, best[0], sigma, shown)
     first = replace(best[2], reduced_chi2=step.reduced_chi2, heldout_nrmse=step.heldout_nrmse)
     if not holding:
         return Laws(len(screened), nearest=first)
@@ -72,7 +73,7 @@ are the physics. Edit them as you like, then
 """
 
 
-def table_of(fit: Any, name: str) -> Table:
+def table_of(fit: Fit, name: str) -> Table:
     """What a fit says of its stand-in's table."""
     mine = fit.structure.tables[name]
     scale, about = fit.structure.scale[mine], fit.structure.model.effects[name]
@@ -81,28 +82,30 @@ def table_of(fit: Any, name: str) -> Table:
     return Table.of(name, VARIABLES[int(about["variable"])], about["start"], about["step"], fit.theta[mine] * scale, covariance, weight, local)
 
 
-def _refitted(estimator: Estimator, fit: Any, name: str, law: Written) -> Any:
+def _misfit(fit: Fit) -> float:
+    """Twice the negative log likelihood, what priors add taken out."""
+    return fit.deviance - fit.structure.surprise(fit.theta)
+
+
+def _refitted(task: Task, fit: Fit, name: str, law: Written) -> Fit:
     """Everything refitted with the law in the table's place, from where the fit and the law's own fit to the table stand."""
     structure = LawStructure.of(fit.structure, name, law)
     theta = structure.start.copy()
     own = dict(zip(fit.structure.free, fit.theta, strict=True))
     for k, n in enumerate(structure.free):
         theta[k] = own.get(n, theta[k])
-    return estimator.refit(structure, theta)
+    return shooting.fit(task.problem, structure, replace(fit.point, theta=theta), REFIT_STEPS)
 
 
-def _judged(
-    estimator: Estimator, new: Any, law: Written, before: float, occam: float, seen: int, tried: int, at: np.ndarray
-) -> ProposedLaw:
+def _judged(new: Fit, law: Written, excess: float, seen: int, saved: float, at: np.ndarray) -> ProposedLaw:
+    """A refitted law whose misfit exceeds by ``excess`` that of a table of which ``seen`` numbers are known; ``saved``: what it costs less."""
     values, deviations = _own(new.values, law.name), _own(new.deviations, law.name)
-    excess, dof = estimator.misfit(new) - before, max(seen - law.form.count, 1)
-    price = law.form.count * np.log(estimator.samples) + 2.0 * np.log(tried)
+    p = float(stats.chi2.sf(max(excess, 0.0), max(seen - law.form.count, 1))) if np.isfinite(excess) else 0.0
     about = law.acts_on, law.variable
     return ProposedLaw(
         law.name, law.form.title, law_words.formula(law.form, law.variable),
-        {p: (values[p], deviations[p], unit_of(law.form, p, *about)) for p in law.form.names},
-        law_words.reading(law.form, *about, values, deviations),
-        float(occam - excess - price), float(stats.chi2.sf(max(excess, 0.0), dof)) if np.isfinite(excess) else 0.0, law.form.value(at, values),
+        {n: (values[n], deviations[n], unit_of(law.form, n, *about)) for n in law.form.names},
+        law_words.reading(law.form, *about, values, deviations), float(saved - excess), p, law.form.value(at, values),
     )  # fmt: skip
 
 
@@ -120,13 +123,13 @@ def _documented(written: Written, law: ProposedLaw) -> Written:
     return replace(written, values={p: v for p, (v, _, _) in law.parameters.items()}, words="\n".join(lines))
 
 
-def _model_with(fit: Any, name: str, law: ProposedLaw) -> Model:
+def _model_with(fit: Fit, name: str, law: ProposedLaw) -> Model:
     """The fitted model with the law as an effect of the file beside it, wherever the folder goes."""
     effects = {n: v for n, v in fit.model.effects.items() if n != name} | {law.name: {p: v for p, (v, _, _) in law.parameters.items()}}
     return replace(fit.model, effects=effects, effect_files=(*fit.model.effect_files, FILE))
 
 
-def _settles(laws: Sequence[Written], fits: Sequence[Any]) -> str:
+def _settles(laws: Sequence[Written], fits: Sequence[Fit]) -> str:
     """Where the laws that data cannot tell apart differ most, half the range beyond them included."""
     if len(laws) < 2:
         return ""

@@ -59,6 +59,14 @@ def _proposed(result: Diagnosis) -> str:
     return f" A law is proposed for it: {titles[0]}." if len(titles) == 1 else f" Laws are proposed for it: {listed(titles, 'or')}."
 
 
+def _besides(result: Diagnosis) -> str:
+    """What an answer leaves besides noise, by its findings."""
+    kinds = {f.kind for f in result.findings}
+    words = {"shaken": "what shakes the cradle", "run_to_run": "what differs from run to run", "bad_run": "one run that does not belong"}
+    named = [text for kind, text in words.items() if kind in kinds]
+    return f" and {listed(named)}" if named else ""
+
+
 def addition(result: Diagnosis) -> str:
     """What adding one effect by hand gained, in one sentence."""
     (rival,) = result.rivals
