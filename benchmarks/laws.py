@@ -16,8 +16,8 @@ import collections
 import numpy as np
 
 from inductrack_ros.core.effects.stand_in import basis
-from inductrack_ros.diagnosis.law_fit import Table, fitted, likely
-from inductrack_ros.diagnosis.laws import Form, Range, forms_on
+from inductrack_ros.diagnosis.laws.fitting import Table, fitted, likely
+from inductrack_ros.diagnosis.laws.forms import Form, Range, forms_on
 from inductrack_ros.diagnosis.settings import FINE, MEDIUM, TWINS
 from inductrack_ros.diagnosis.smooth import smoothest_of
 from inductrack_ros.estimation.structure import roughness

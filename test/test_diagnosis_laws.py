@@ -15,12 +15,12 @@ from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis import answer
 from inductrack_ros.diagnosis.diagnose import base_fit
-from inductrack_ros.diagnosis.law_code import Written, module_text
-from inductrack_ros.diagnosis.law_fit import Table, fitted, likely
-from inductrack_ros.diagnosis.law_words import quantity
-from inductrack_ros.diagnosis.laws import FORMS, Range, forms_on, unit_of
+from inductrack_ros.diagnosis.laws.code import Written, module_text
+from inductrack_ros.diagnosis.laws.fitting import Table, fitted, likely
+from inductrack_ros.diagnosis.laws.forms import FORMS, Range, forms_on, unit_of
+from inductrack_ros.diagnosis.laws.propose import propose_laws
+from inductrack_ros.diagnosis.laws.words import quantity
 from inductrack_ros.diagnosis.moves import State, Task, with_law
-from inductrack_ros.diagnosis.propose_laws import propose_laws
 from inductrack_ros.diagnosis.screening import laws
 from inductrack_ros.diagnosis.settings import TWINS
 from inductrack_ros.diagnosis.smooth import smoothest_of

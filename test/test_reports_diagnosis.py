@@ -10,7 +10,7 @@ import pytest
 from test_reports_browser import BROWSER, open_page
 
 from inductrack_ros.core.model import Model
-from inductrack_ros.diagnosis.law_result import Laws, ProposedLaw
+from inductrack_ros.diagnosis.laws.result import Laws, ProposedLaw
 from inductrack_ros.diagnosis.result import Diagnosis, Limit, Proposal, Rival, RunTraces, Step, Unknown
 from inductrack_ros.diagnosis.result import Test as ScoreTest
 from inductrack_ros.reports.diagnosis_report import diagnosis_report

@@ -68,14 +68,13 @@ def rivals_of(state: State, where: Mapping[str, Mapping[str, Mapping[str, float]
         for s in sorted(singles, key=lambda s: s.deviance):
             member, fall = s.members[0], screening.scores.plain - s.deviance
             chosen = member.name in taken
-            own = {n: v for n, v in state.fit.values.items() if chosen and n.startswith(f"{member.name}.") and "[" not in n}
-            words = "chosen" if chosen else f"explains {100 * max(fall, 0.0) / max(best, 1e-9):.0f} % of what the best would"
-            found.append(
-                Rival(
-                    member.name, beside, fall, member.price(screening.family), own, {n: state.fit.deviations[n] for n in own}, None, chosen, words,
-                    where.get(member.name, {}) if chosen else {}, chosen,
-                )  # fmt: skip
-            )
+            f = state.fit if chosen else state.rival_fits.get(member.name) if after == state.added else None
+            own = {n: v for n, v in f.values.items() if n.startswith(f"{member.name}.") and "[" not in n} if f else {}
+            share = f"explains {100 * max(fall, 0.0) / max(best, 1e-9):.0f} % of what the best would"
+            words = "chosen" if chosen else "refitted: the data cannot tell it from the chosen" if f else f"not refitted: to first order it {share}"
+            std = {n: f.deviations[n] for n in own} if f else {}
+            at = where.get(member.name, {}) if chosen else {}
+            found.append(Rival(member.name, beside, fall, member.price(screening.family), own, std, None, chosen, words, at, f is not None))
     return tuple(found)
 
 

@@ -22,8 +22,8 @@ from . import answer, background, errors, support
 from .experiment import propose
 from .findings import findings, hidden_by, outlying
 from .known import uncertainty_of
+from .laws.propose import propose_laws
 from .moves import State, Task
-from .propose_laws import propose_laws
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
 from .settings import FIRST_STEPS, UNDETERMINED
 from .strategy import add_background, search

@@ -14,7 +14,7 @@ from ..checks import Finding
 from ..core.model import Model
 from ..core.plain_json import file_text, plain
 from ..core.uncertainty import Uncertainty
-from .law_result import Laws
+from .laws.result import Laws
 
 #: Unit of an unknown change of the thrust.
 OF_THRUST = "of the thrust"

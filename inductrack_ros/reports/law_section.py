@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..diagnosis.law_code import FILE
-from ..diagnosis.law_result import MODEL_FILE, ProposedLaw
+from ..diagnosis.laws.code import FILE
+from ..diagnosis.laws.result import MODEL_FILE, ProposedLaw
 from ..diagnosis.result import Diagnosis, Unknown
 from .page import markup, packed, table
 from .words import number, ratio, sized

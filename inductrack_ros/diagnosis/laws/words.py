@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 
-from .laws import Form, unit_of
+from .forms import Form, unit_of
 
 #: Letter of each variable, and what it is called.
 LETTER = {

@@ -8,20 +8,20 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from ..core.effects.stand_in import VARIABLES
-from ..core.model import Model
-from ..estimation import shooting
-from ..estimation.shooting import Fit
-from . import law_words
-from .errors import step_of
-from .law_code import FILE, Written, module_text
-from .law_fit import LEVEL, Table, fitted
-from .law_result import Laws, ProposedLaw
-from .law_structure import LawStructure
-from .laws import Range, unit_of
-from .moves import State, Task
-from .result import Unknown
-from .settings import NEAR, REFIT_STEPS, TWINS
+from ...core.effects.stand_in import VARIABLES
+from ...core.model import Model
+from ...estimation import shooting
+from ...estimation.shooting import Fit
+from ..errors import step_of
+from ..moves import State, Task
+from ..result import Unknown
+from ..settings import NEAR, REFIT_STEPS, TWINS
+from . import words
+from .code import FILE, Written, module_text
+from .fitting import LEVEL, Table, fitted
+from .forms import Range, unit_of
+from .result import Laws, ProposedLaw
+from .structure import LawStructure
 
 #: Forms that are refitted in full: the best few, of those that the table alone does not turn down beyond this p-value
 #: (a table is a first-order statement, so the refit is to have the last word).
@@ -103,9 +103,9 @@ def _judged(new: Fit, law: Written, excess: float, seen: int, saved: float, at: 
     p = float(stats.chi2.sf(max(excess, 0.0), max(seen - law.form.count, 1))) if np.isfinite(excess) else 0.0
     about = law.acts_on, law.variable
     return ProposedLaw(
-        law.name, law.form.title, law_words.formula(law.form, law.variable),
+        law.name, law.form.title, words.formula(law.form, law.variable),
         {n: (values[n], deviations[n], unit_of(law.form, n, *about)) for n in law.form.names},
-        law_words.reading(law.form, *about, values, deviations), float(saved - excess), p, law.form.value(at, values),
+        words.reading(law.form, *about, values, deviations), float(saved - excess), p, law.form.value(at, values),
     )  # fmt: skip
 
 
@@ -140,4 +140,4 @@ def _settles(laws: Sequence[Written], fits: Sequence[Fit]) -> str:
     first, second = (law.form.value(u, _own(f.values, law.name)) for law, f in zip(laws[:2], fits[:2], strict=True))
     where = float(u[np.argmax(np.abs(first - second))])
     beyond = " (these did not)" if not r.low <= where <= r.high else ""
-    return f"Runs that dwell near {law_words.CALLED[laws[0].variable]} = {where:.3g}{beyond} would tell the first two apart."
+    return f"Runs that dwell near {words.CALLED[laws[0].variable]} = {where:.3g}{beyond} would tell the first two apart."

@@ -14,9 +14,9 @@ from itertools import product
 import numpy as np
 from scipy import optimize, stats
 
-from ..core.effects.stand_in import basis
-from ..estimation.structure import ENDS, roughness
-from .laws import Form, Range, forms_on
+from ...core.effects.stand_in import basis
+from ...estimation.structure import ENDS, roughness
+from .forms import Form, Range, forms_on
 
 #: Directions of a table count as seen where the data say at least this part of what the prior of its smoothness says.
 SEEN = 0.01

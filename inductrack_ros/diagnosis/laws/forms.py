@@ -1,7 +1,7 @@
 """Closed forms that mechanics and magnetics use for a force in one variable, as data: what a table of an unknown force is compared with.
 
 A form is a sum of terms, each a size times an expression in the variable ``u`` and the form's shape parameters. The text of an
-expression is what the generated effect holds (`law_code`) and what is evaluated here: one place for both.
+expression is what the generated effect holds (`code`) and what is evaluated here: one place for both.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from ..core.effects.stand_in import VARIABLES
+from ...core.effects.stand_in import VARIABLES
 
 #: No value of an expression is taken for larger than this.
 LARGEST = 1e60
@@ -49,7 +49,7 @@ class Shape:
 class Form:
     """A closed form: its terms, shape parameters, the variables that it is tried on, its formula in u, and what it is called.
 
-    ``causes`` say what on a rig would do it, by how the variable stands to the force (`law_words.relation`).
+    ``causes`` say what on a rig would do it, by how the variable stands to the force (`words.relation`).
     """
 
     name: str

@@ -1,7 +1,7 @@
 """A law in the place of a table, to be refitted in full: the table's values follow from the law's parameters, which are free.
 
 The model's own stand-in carries the law as a table of `KNOTS` entries, so nothing is compiled; what is written for the user
-(`law_code`) is the law itself.
+(`code`) is the law itself.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core.effects.stand_in import TABLE, basis
-from ..core.model import Model
-from ..core.parameters import Parameter
-from ..estimation.structure import Structure
-from .law_code import Written, declaration
+from ...core.effects.stand_in import TABLE, basis
+from ...core.model import Model
+from ...core.parameters import Parameter
+from ...estimation.structure import Structure
+from .code import Written, declaration
 
 #: Entries of the table that carries a law, and how far beyond the range of the data it goes on, as part of that.
 KNOTS, BEYOND = TABLE, 0.05

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..core.parameters import Parameter
-from .laws import Form, Range, meaning_of, unit_of
+from ...core.parameters import Parameter
+from .forms import Form, Range, meaning_of, unit_of
 
 #: The name by which an effect asks for a variable, where it is not the variable's own.
 _ARGUMENT = {"drive": "drive_current"}

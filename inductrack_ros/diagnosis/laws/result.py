@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.model import Model
-from .law_code import FILE
+from ...core.model import Model
+from .code import FILE
 
 #: The model with the best law, beside ``model.yaml``, which has the table.
 MODEL_FILE = "model_proposed.yaml"

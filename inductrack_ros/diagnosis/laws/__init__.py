@@ -1,0 +1,1 @@
+"""From the table of an unknown force to laws that one can add."""
