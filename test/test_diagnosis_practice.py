@@ -63,4 +63,10 @@ def test_an_unknown_is_admitted_and_stood_in_for():
     assert np.abs(found.unknown.force - truth)[near].max() < 1.5
     assert found.next_experiment
     assert "stand_in_heave" in found.model.effects
+    best = found.laws.proposed[0]
+    assert best.name == "proposed_bump_heave_on_surge"
+    for parameter, size in {"force": -12.0, "place": 8.0, "width": 0.6}.items():
+        value, std, _ = best.parameters[parameter]
+        assert abs(value - size) < 4 * std, parameter
+    assert best.heldout_nrmse < 1.2
     assert unseen_error("p6_odd", found.model) < 3.0

@@ -215,13 +215,13 @@ class Diagnosis:
                     "peak": self.unknown.peak,
                     "unit": self.unknown.unit,
                 },
-                "laws": [law.to_json() for law in self.laws.proposed] if self.laws else [],
-                "laws_in_words": self.laws.sentence if self.laws else None,
                 "next_experiment": self.next_experiment,
                 "steps": [
                     {"effects": list(s.effects), "reduced_chi2": s.reduced_chi2, "heldout_nrmse": s.heldout_nrmse}
                     for s in self.steps
                 ],
+                "laws": [law.to_json() for law in self.laws.proposed] if self.laws else [],
+                "laws_in_words": self.laws.sentence if self.laws else None,
                 "proposal": None if self.proposal is None else self.proposal.to_json(),
                 "findings": [f.to_json() for f in self.findings],
                 "notes": list(self.notes),

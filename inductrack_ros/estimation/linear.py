@@ -65,7 +65,7 @@ def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray,
     return LinearRun(
         np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, problem.variance(i),
         (ends[:, 1 : 1 + A] - ends[:, :1]).transpose(0, 2, 1) / by_state, inputs, np.append(np.diff(data.grid), 0.0), root, mean, np.zeros((n, A)),
-        _touching(outputs[:, 0]), late, _struck(data),
+        _touching(model, outputs[:, 0]), late, _struck(data),
     )  # fmt: skip
 
 
@@ -93,8 +93,10 @@ def _late(
     return np.nan_to_num(found)
 
 
-def _touching(outputs: np.ndarray) -> np.ndarray:
-    """Whether the cradle touches the track at a node or the next (n,), from the nodes' outputs (n, 15)."""
+def _touching(model: Model, outputs: np.ndarray) -> np.ndarray:
+    """Whether the cradle touches the track at a node or the next (n,), from the nodes' outputs (n, 15); a track without stiffness is none."""
+    if not model.parameters["contact_stiffness"]:
+        return np.zeros(len(outputs), bool)
     near = np.nan_to_num(outputs[:, [INDEX[g] for g in GAPS]]).min(axis=1) < NEARLY_TOUCHING
     return near | np.append(near[1:], False)
 
