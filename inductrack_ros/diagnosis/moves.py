@@ -14,7 +14,7 @@ from ..core.state import COORDINATES
 from ..estimation import columns
 from ..estimation import fit as end_to_end
 from ..estimation.kalman import LinearRun
-from ..estimation.likelihood import NO_POWER, weigh
+from ..estimation.likelihood import NO_POWER, Point, weigh
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.shooting import ANEW, FIRST_POWER, FLOWN_STEPS, Fit, exactly, fit, linearise_all
@@ -100,20 +100,55 @@ def law_price() -> float:
 def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: int = LOOK_STEPS) -> State:
     """The state with a set of known effects, beside the background that suits it, after a few steps."""
     task.say(" + ".join([*state.added, *(m.name for m in found.members)]))
-    problem, structure, theta, paths = task.problem, state.fit.structure, state.fit.theta, state.fit.paths
+    structure, point = _with_effects(task.problem, state.fit, found)
+    new = fit(task.problem, structure, replace(point, power=found.background.power, processes=found.background.processes), steps)
+    labels = " + ".join(m.name for m in found.members)
+    grown = _grown(state, found, family, new)
+    return grown.told(f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})")
+
+
+def _with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Structure, Point]:
+    """A fit's structure and point with a set of known effects at the sizes that it promises."""
+    structure, theta, paths = f.structure, f.theta, f.paths
     for member in found.members:
         structure = structure.plus(member.name, member.start)
         begin = structure.start[len(theta) :]
         step = _first_step(structure, member, found.sizes[member.label], len(begin))
         theta = np.clip(np.concatenate([theta, begin + step]), *structure.bounds)
-        if not state.fit.model.carries_states and structure.model.carries_states:
+        if not f.model.carries_states and structure.model.carries_states:
             paths = tuple(problem.for_runs(lambda i, s=structure, p=paths: columns.carried(problem, s, i, p[i])))
-    beside = found.background
-    new = fit(problem, structure, replace(state.fit.point, theta=theta, paths=paths, power=beside.power, processes=beside.processes), steps)
-    labels = " + ".join(m.name for m in found.members)
+    return structure, replace(f.point, theta=theta, paths=paths)
+
+
+def _grown(state: State, found: CandidateSet, family: int, new: Fit) -> State:
     price = state.price + sum(m.price(family) for m in found.members)
-    grown = replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
-    return grown.told(f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})")
+    return replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
+
+
+def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: int) -> list[State]:
+    """Of sets of known effects those that leave nothing but noise where contact is taken exactly; cheapest first."""
+    found = []
+    for s in sets if touches(state.fit) else ():
+        task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
+        structure, point = _with_effects(task.problem, state.fit, s)
+        if (new := _exact(task, structure, point)) is not None:
+            labels = " + ".join(m.name for m in s.members)
+            found.append(_grown(state, s, family, new).told(f"{labels}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"))
+    return sorted(found, key=lambda x: x.cost(task))
+
+
+def touches(f: Fit) -> bool:
+    """Whether runs touch the track and contact is not taken exactly yet."""
+    return not f.exact and f.touching is not None and any(t.any() for t in f.touching)
+
+
+def _exact(task: Task, structure: Structure, point: Point) -> Fit | None:
+    """The fit with contact taken exactly from a point nearby; None where more than noise is left."""
+    problem = task.problem
+    found = {p.on: p.size for p in point.processes if p.kind == background.WHITE and p.on not in task.given}
+    scaled = problem.with_sigma(problem.sigma * [found.get(c, 1.0) for c in problem.channels])
+    whole = end_to_end.fit(scaled, structure, [path[0, :8] for path in point.paths], point.theta, FLOWN_STEPS)
+    return exactly(problem, structure, point, REFIT_STEPS, whole) if whole.leaves_noise else None
 
 
 def all_refitted(task: Task, state: State, sets: Sequence[CandidateSet], family: int) -> list[State]:
@@ -169,15 +204,9 @@ def taken_exactly(task: Task, state: State) -> State:
 
     Until the physics is right, blows are forgiven and only what is read outside a contact counts: then a shaken rig is no friction.
     """
-    problem, f = task.problem, state.fit
-    if f.exact or f.touching is None or not any(t.any() for t in f.touching):
+    f = state.fit
+    if not touches(f) or (new := _exact(task, f.structure, f.point)) is None:
         return state
-    found = {p.on: p.size for p in f.processes if p.kind == background.WHITE and p.on not in task.given}
-    problem = problem.with_sigma(problem.sigma * [found.get(c, 1.0) for c in problem.channels])
-    whole = end_to_end.fit(problem, f.structure, f.states, f.theta, FLOWN_STEPS)
-    if not whole.leaves_noise:
-        return state
-    new = exactly(task.problem, f.structure, f.point, REFIT_STEPS, whole)
     exact = replace(state, fit=new).told(f"contact taken exactly: deviance {new.deviance:.0f}")
     return smoothed_anew(task, exact) if state.stands_in else exact
 

@@ -17,6 +17,7 @@ from .moves import (
     State,
     Task,
     all_refitted,
+    exact_ones,
     law_price,
     rivals,
     settled,
@@ -81,12 +82,20 @@ def add_known(task: Task, state: State) -> State:
         return state.told("no known effect explains more than chance would")
     if len(state.added) >= MOST_EFFECTS:
         return replace(state.told(f"more than {MOST_EFFECTS} effects would be needed: the model is far from the rig"), far=True)
+    if exact := exact_ones(task, state, closest(screening, plain), screening.family):
+        return add_background(task, exact[0])
     tried = promising(screening, plain)
     found = min(all_refitted(task, state, tried, screening.family), key=lambda s: s.cost(task))
     found = settled(task, found)
     if found.cost(task) > state.cost(task):
         return state.told(f"{' + '.join(found.added)} promises more than it keeps")
     return add_background(task, found)
+
+
+def closest(screening: Screening, plain: float) -> list[CandidateSet]:
+    """The single effects that promise something, as far as they are near to the best of them."""
+    singles = [s for s in screening.sets if len(s.members) == 1]
+    return [s for s in singles if s.deviance < min(singles[0].deviance + NEAR, plain)]
 
 
 def promising(screening: Screening, plain: float) -> list[CandidateSet]:
