@@ -20,7 +20,7 @@ from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import answer, background, errors, support
 from .experiment import propose
-from .findings import findings, hidden_by, outlying
+from .findings import SHAKEN, findings, hidden_by, outlying
 from .known import uncertainty_of
 from .laws.propose import propose_laws
 from .moves import State, Task
@@ -88,6 +88,8 @@ def diagnosis_of(campaign: Campaign, task: Task, state: State, base: Fit, undete
     tests, p_value = answer.tests_of(screening)
     held = [f.structure.free[k] for k in f.structure.held]
     notes += support.held(f)
+    if verdict != "unknown_effect":
+        notes += support.predicted(steps, any(x.kind == SHAKEN for x in found))
     deviations = f.deviations
     return Diagnosis(
         campaign=campaign.name,

@@ -11,6 +11,7 @@ from ..data.campaign import Campaign
 from ..estimation import fit as deterministic
 from ..estimation.problem import Problem
 from ..estimation.shooting import Fit
+from .result import Step
 
 #: Fewer samples of all channels than this support no diagnosis.
 FEWEST_SAMPLES = 60
@@ -20,6 +21,9 @@ FEW_RUNS = 3
 ONE_SPEED = 0.05
 #: A run of which this part touches the track is one in contact.
 ALL_TOUCHING = 0.9
+#: χ² over samples of predictions from the start above which they are worth a word (three times the noise), and the part of that of the
+#: model as it was which an answer leaves when it hardly lowers it. They decide about words alone.
+FAR_OFF, HARDLY = 9.0, 0.5
 
 
 def inspect(campaign: Campaign) -> list[str]:
@@ -70,6 +74,18 @@ def leftover(problem: Problem, final: Fit, far: bool) -> list[str]:
     if final.touching is not None and all(t.mean() > ALL_TOUCHING for t in final.touching):
         notes.append("the cradle touches the track in every run: lift and damping show little; runs that fly would show them")
     return notes
+
+
+def predicted(steps: Sequence[Step], shaken: bool) -> list[str]:
+    """A note where the answer does not predict the runs from their start: what is named explains little, or a shaken rig is all that is left."""
+    first, last = steps[0].reduced_chi2, steps[-1].reduced_chi2
+    if not last > FAR_OFF:
+        return []
+    if len(steps) > 1 and last > HARDLY * first:
+        return [f"{', '.join(steps[-1].effects)} hardly lowers the error of predictions from the start: it is a lead, not an answer"]
+    if len(steps) == 1 and shaken:
+        return [f"predicted from their start, the runs are missed by {np.sqrt(last):.3g} times the noise: what shakes the cradle may be a force with a law of its own"]
+    return []
 
 
 def held(f: Fit | deterministic.Fit) -> list[str]:
