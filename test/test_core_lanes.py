@@ -62,8 +62,10 @@ def test_every_run_is_that_of_the_scalar_kernel(dof):
     assert np.array_equal(np.isnan(together), np.isnan(apart))
     flew = (apart[:, :, 8:11].min(axis=(1, 2)) > lanes.CLEAR).mean()
     assert 0.2 < flew < 0.8
-    assert np.nanmax(np.abs(together - apart)[95:, :, :4]) < 1e-9
-    assert np.nanmax((np.abs(together - apart) / (1.0 + np.abs(apart)))[:, :, :4]) < 1e-9
+    with np.errstate(invalid="ignore"):  # those that leave all bounds
+        off = np.abs(together - apart)[:, :, :4]
+        assert np.nanmax(off[95:]) < 1e-9
+        assert np.nanmax(off / (1.0 + np.abs(apart[:, :, :4]))) < 1e-9
 
 
 def test_a_lane_takes_the_smaller_steps_that_the_scalar_kernel_takes():
