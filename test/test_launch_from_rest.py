@@ -57,7 +57,8 @@ def test_the_node_flies_it(ros, tmp_path):
     recorder = ros.start("record", "-o", str(tmp_path / "bag"))
     twist = ros.listen(TwistStamped, "/inductrack/twist")
     ros.start("sim", "--ros-args", "--params-file", str(FILE), "-p", "listeners:=1", "-p", "speed_factor:=3.0")
-    ros.wait(lambda: twist and twist[-1].twist.linear.x == 0.0 and max(m.twist.linear.x for m in twist) > 20.0, "the end of the run")
+    # The recorder is the listener that the run waits for; on a busy machine this one may be found after the flight.
+    ros.wait(lambda: twist and twist[-1].twist.linear.x == 0.0 and twist[-1].header.stamp.sec >= 2, "the end of the run")
     assert recorder.stop() == 0
     speed = read_bag(tmp_path / "bag").samples("surge_rate")[1]
     assert abs(speed[0]) < 1.0 and speed.max() > 20.0 and abs(speed[-1]) < 0.2

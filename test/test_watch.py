@@ -89,7 +89,7 @@ def test_a_running_simulator_is_seen(ros):
     live = ros.start("inductrack", "watch", "--namespace", "rig")
     table = ros.start("inductrack", "watch", "measured/pose", "--csv", "-n", "/rig")
     live.wait_for("missing surge")
-    table.wait_for("\n")
+    table.wait_for("header.stamp.sec")  # it may say before that nobody publishes yet
 
     def is_listed() -> bool:  # discovery has no end that one could wait for
         listed = ros.start("inductrack", "watch", "--list")
@@ -102,7 +102,7 @@ def test_a_running_simulator_is_seen(ros):
     assert live.stop() == 0 and table.stop(signal.SIGTERM) == 0
     assert "\x1b" not in live.output + view.output
     assert re.search(r"surge_rate \d+\.\d{3} m/s; gap_top", live.output)
-    rows = list(csv.reader(table.output.splitlines()))
+    rows = list(csv.reader(table.output[table.output.index("header.stamp.sec") :].splitlines()))
     assert rows[0][:3] == ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id"] and len(rows) > 1
     at = rows[0].index("pose.position.x")
     surges = [float(row[at]) for row in rows[1:]]

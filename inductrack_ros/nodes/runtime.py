@@ -68,9 +68,12 @@ def _spin(node: Node) -> None:
     executor.add_node(node)
     node.get_logger().info(reach())
     STOP.running = True
-    while not STOP.asked and not getattr(node, "finished", False):
-        executor.spin_once(timeout_sec=0.1)
-    executor.remove_node(node)
+    try:
+        while not STOP.asked and not getattr(node, "finished", False):
+            executor.spin_once(timeout_sec=0.1)
+    finally:
+        executor.remove_node(node)
+        executor.shutdown(timeout_sec=0.0)  # else what it holds is destroyed after its context, with a traceback
 
 
 def _one_line(error: Exception) -> str:
