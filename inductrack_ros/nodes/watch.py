@@ -236,15 +236,13 @@ class Board(Watcher):
             print(line(self._view), flush=True)
 
     def _is_complete(self) -> bool:
-        """Whether all nodes of the namespace that are known to speak have spoken, and a state is there, with its rates where they are offered."""
+        """Whether all nodes of the namespace that are known to speak have spoken, and a state with its rates is there (one topic may be found late)."""
         speakers = {
             info.node_name for info in self.get_publishers_info_by_topic("/diagnostics")
             if info.node_namespace == self._view.namespace
         }  # fmt: skip
-        before = self.get_namespace().rstrip("/")
-        moves = any(f"{before}/{topic}" in self.offered() for topic in ("twist", "measured/twist"))
         state = {**self._view.measured, **self._view.truth}
-        return bool(speakers and state) and (not moves or "surge_rate" in state) and speakers <= set(self._view.statuses) and self.waited > SETTLED
+        return bool(speakers) and {"surge", "surge_rate"} <= set(state) and speakers <= set(self._view.statuses) and self.waited > SETTLED
 
     def _follow_wrenches(self) -> None:
         """Each effect has a topic of its own, so they are found and not listed."""
