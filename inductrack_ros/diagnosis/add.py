@@ -17,11 +17,11 @@ from ..core.model import Model
 from ..data.campaign import Campaign
 from ..estimation.scores import Background
 from ..estimation.shooting import linearise_all
-from . import background, support
+from . import support
 from .diagnose import base_fit, diagnosis_of
-from .moves import State, Task, law_price, refitted, settled, shaken
+from .moves import State, Task, law_price, refitted, screened, settled, shaken
 from .result import Diagnosis
-from .screening import Candidate, CandidateSet, Screening, laws, screen
+from .screening import Candidate, CandidateSet, laws
 from .strategy import add_background
 
 
@@ -53,7 +53,7 @@ def add_effect(
     problem, base, undetermined = base_fit(campaign, model, seen)
     task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell)
     before = add_background(task, State(base))
-    screening = _screened(task, before)
+    screening = screened(task, before)
     before = replace(before, rounds=(((), screening),))
     starts = [s for s in screening.sets if len(s.members) == 1 and s.members[0].name == name]
     if not starts and item.screened:
@@ -65,15 +65,11 @@ def add_effect(
     added = settled(task, added)
     gains = added.cost(task) < before.cost(task)  # both before contact is taken exactly, which counts other readings
     added = add_background(task, added)
+    added = replace(added, rounds=(*added.rounds, (added.added, screened(task, added))))
     found = diagnosis_of(campaign, task, added, base, undetermined, notes, began)
     verdict = "unknown_effect" if _something_left(task, added) else "missing_effect" if gains else "adequate"
     own = [r for r in found.rivals if r.name == name]
     return replace(found, verdict=verdict, effects=(name,), rivals=tuple(replace(r, chosen=gains) for r in own[:1]))
-
-
-def _screened(task: Task, state: State) -> Screening:
-    problem, systems = task.problem, linearise_all(task.problem, state.fit)
-    return screen(problem, state.fit, systems, background.backgrounds(problem, state.fit, task.given, systems))
 
 
 def _as_it_is(state: State, name: str, parameters: int) -> CandidateSet:
@@ -84,7 +80,7 @@ def _as_it_is(state: State, name: str, parameters: int) -> CandidateSet:
 
 
 def _something_left(task: Task, state: State) -> bool:
-    """Whether another known effect, or a force of any shape, explains more than chance would."""
-    found, systems = _screened(task, state), linearise_all(task.problem, state.fit)
+    """Whether another known effect, or a force of any shape, explains more than chance would; the last round is the screening beside it."""
+    found, systems = state.rounds[-1][1], linearise_all(task.problem, state.fit)
     law = next(iter(laws(task.problem, state.fit, systems, shaken(task, state, systems))), None)
     return bool(found.sets) and found.sets[0].cost < found.scores.plain or law is not None and law.gain > law_price()

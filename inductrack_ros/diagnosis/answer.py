@@ -10,13 +10,12 @@ import numpy as np
 from scipy import stats
 
 from ..core.effects.stand_in import VARIABLES, basis
-from ..estimation import fit as deterministic
 from ..estimation.processes import IMPACT
-from ..estimation.shooting import ANEW, Fit, exactly, fit, linearise_all
+from ..estimation.shooting import ANEW, Fit, exactly, fit
 from . import background
-from .moves import State, Task, without
+from .moves import State, Task, screened, without
 from .result import Limit, Rival, Test, Unknown
-from .screening import WAVES, Screening, screen
+from .screening import WAVES, Screening
 from .settings import POWER, REFIT_STEPS
 
 #: A standard deviation of this many typical sizes means that the data say nothing of an effect.
@@ -29,8 +28,7 @@ def last_screening(task: Task, state: State) -> Screening:
     """All candidates beside the answer."""
     if state.rounds and state.rounds[-1][0] == state.added:
         return state.rounds[-1][1]
-    systems = linearise_all(task.problem, state.fit)
-    return screen(task.problem, state.fit, systems, background.backgrounds(task.problem, state.fit, task.given, systems))
+    return screened(task, state)
 
 
 def subsets(task: Task, state: State, base: Fit) -> dict[tuple[str, ...], Fit]:
@@ -121,7 +119,7 @@ def unknown_of(state: State) -> Unknown | None:
     return None if name is None else curve_of(state.fit, name)
 
 
-def curve_of(f: Fit | deterministic.Fit, name: str) -> Unknown:
+def curve_of(f: Fit, name: str) -> Unknown:
     """The curve of a fit's stand-in over its table, with its 95 % band."""
     table, mine = f.model.effects[name], f.structure.tables[name]
     count = int(table["knots"])

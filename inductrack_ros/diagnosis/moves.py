@@ -92,6 +92,13 @@ def shaken(task: Task, state: State, systems: Sequence[LinearRun] | None = None)
     return found
 
 
+def screened(task: Task, state: State, systems: Sequence[LinearRun] | None = None, wavy: bool = True) -> Screening:
+    """All candidates beside a state's fit and each background that may stand beside it; ``wavy``: waves of the track too."""
+    systems = systems or linearise_all(task.problem, state.fit)
+    beside = background.backgrounds(task.problem, state.fit, task.given, systems)
+    return screen(task.problem, state.fit, systems, beside, wavy)
+
+
 def law_price() -> float:
     """Twice the log evidence by which a force of any shape wrongly stands out in `LEVEL` of campaigns, at the most (a Bayes factor, laws counted)."""
     return 2.0 * float(np.log(len(VARIABLES) * 5 / LEVEL))
@@ -266,9 +273,8 @@ def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
     What candidates promised in the place of the last one is told anew: it was screened beside a poorer fit.
     """
     task.say(f"what could stand in the place of {name}")
-    problem, smaller = task.problem, without(task, state, name, ANEW)
-    systems = linearise_all(problem, smaller.fit)
-    screening = screen(problem, smaller.fit, systems, background.backgrounds(problem, smaller.fit, task.given, systems))
+    smaller = without(task, state, name, ANEW)
+    screening = screened(task, smaller)
     own = [s for s in screening.sets if len(s.members) == 1 and (s.members[0].name != name or s.members[0].start)]
     reach = state.fit.deviance + NEAR
     near = [s for s in own if s.deviance < reach][:REFITTED]

@@ -24,16 +24,12 @@ class Smooth:
     occam: float
 
 
-def smoothest(effect: str, columns: np.ndarray, residual: np.ndarray, local: bool = False) -> Smooth:
-    """The table of a stand-in whose columns (N, l), what each value does to the measurements over noise, explain a residual (N,) best.
+def smoothest_of(effect: str, whole: np.ndarray, told: np.ndarray, local: bool = False) -> Smooth:
+    """The table of a stand-in that explains a residual best, from the normal equations (l, l) and (l,) of what each value does to the
+    measurements over noise.
 
     That of a ``local`` force is none at its ends.
     """
-    return smoothest_of(effect, columns.T @ columns, columns.T @ residual, local)
-
-
-def smoothest_of(effect: str, whole: np.ndarray, told: np.ndarray, local: bool = False) -> Smooth:
-    """The same from the normal equations (l, l) and (l,) of the columns."""
     free = slice(ENDS, -ENDS) if local else slice(None)
     gram, score = whole[free, free].copy(), told[free]
     unit = max(np.trace(gram) / len(gram), 1e-12)  # where no run has been at all, any will do

@@ -20,6 +20,7 @@ from .moves import (
     exact_ones,
     law_price,
     rivals,
+    screened,
     settled,
     shaken,
     surely_needed,
@@ -27,7 +28,7 @@ from .moves import (
     with_law,
     without,
 )
-from .screening import CandidateSet, Screening, laws, screen
+from .screening import CandidateSet, Screening, laws
 from .settings import MOST_EFFECTS, NEAR, REFITTED, ROUNDS, TWINS
 
 Stage = Callable[[Task, State], State]
@@ -68,8 +69,7 @@ def add_known(task: Task, state: State) -> State:
     """
     systems = linearise_all(task.problem, state.fit)
     lacking = shaken(task, state, systems)
-    beside = background.backgrounds(task.problem, state.fit, task.given, systems)
-    screening = screen(task.problem, state.fit, systems, beside, wavy=bool(lacking))
+    screening = screened(task, state, systems, wavy=bool(lacking))
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
     plain, best = screening.scores.plain, next(iter(screening.sets), None)
     if lacking and not state.stands_in:

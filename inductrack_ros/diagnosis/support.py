@@ -8,7 +8,6 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..data.campaign import Campaign
-from ..estimation import fit as deterministic
 from ..estimation.problem import Problem
 from ..estimation.shooting import Fit
 from .result import Step
@@ -88,7 +87,7 @@ def predicted(steps: Sequence[Step], shaken: bool) -> list[str]:
     return []
 
 
-def held(f: Fit | deterministic.Fit) -> list[str]:
+def held(f: Fit) -> list[str]:
     """A note for each parameter that stays as given beside a change of the thrust."""
     names = [f.structure.free[k] for k in f.structure.held]
     return [f"{n} is held at {f.values[n]:.4g} as given: the change of the thrust is relative to that, and only their product shows" for n in names]
