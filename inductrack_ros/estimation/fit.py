@@ -7,7 +7,7 @@ falls short of its promise, each run's initial state is fitted anew beside the n
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -67,37 +67,6 @@ class Fit:
     def model(self):
         """The model with the fitted parameters."""
         return self.structure.with_theta(self.theta)
-
-    def widened(self, name: str, values: Mapping[str, object] | None = None, free: Sequence[str] | None = None) -> tuple[Structure, np.ndarray]:
-        """The structure with one more effect (see `Structure.plus`) and theta, the fitted one with the effect's start behind it."""
-        structure = self.structure.plus(name, values, free)
-        theta = structure.start.copy()
-        theta[: len(self.theta)] = self.theta
-        return structure, theta
-
-    def narrowed(self, name: str) -> tuple[Structure, np.ndarray]:
-        """The structure without one of its effects (see `Structure.minus`) and what is left of theta."""
-        structure = self.structure.minus(name)
-        return structure, self.theta[[self.structure.free.index(f) for f in structure.free]]
-
-    def weakened(self, name: str, share: float) -> np.ndarray:
-        """Theta (g,) with one effect at a share of its size: 1 as fitted, 0 where it vanishes."""
-        mine = [f.rpartition(".")[0] == name for f in self.structure.free]
-        free = [f.rpartition(".")[2] for f, m in zip(self.structure.free, mine, strict=True) if m]
-        nothing = 0.0 if name.startswith("stand_in") else self.structure.minus(name).plus(name, free=free).start[-len(free) :]
-        theta = self.theta.copy()
-        theta[mine] = nothing + share * (theta[mine] - nothing)
-        return theta
-
-    def weighted(self, problem: Problem, was: np.ndarray) -> Fit:
-        """The same point under a problem that differs by its noise levels; they ``was`` (c,) before."""
-        linear = []
-        for data, part in zip(problem.runs, self.linear, strict=True):
-            ratio = (was / problem.sigma)[data.channel]
-            rows = {n: getattr(part, n) * ratio[:, None] for n in ("by_theta", "by_state")}
-            linear.append(replace(part, residual=part.residual * ratio, **rows))
-        chi2 = chi_square([part.residual for part in linear])
-        return replace(self, chi2=chi2, covariance=_covariance(self.structure, linear), linear=tuple(linear))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
