@@ -49,6 +49,7 @@ soak: $(READY)
 
 lint: $(READY)
 	@$(BIN)/ruff check --quiet
+	@$(BIN)/ruff format --quiet --check
 	@$(BIN)/lint-imports --no-logo
 
 # The tables of docs/effects.md and docs/interfaces.md, from the code.

@@ -27,8 +27,22 @@ setup(
         (f"share/{NAME}/layouts", glob("layouts/*")),
     ],
     python_requires=">=3.10",
-    # xarray: the maps of `sweep` as NetCDF, through SciPy; 2023.1 is the oldest that a distribution we serve has (Debian 12).
-    install_requires=["setuptools", "numpy", "scipy", "numba", "PyYAML", "pandas>=2", "xarray>=2023.1", "rosbags>=0.11", "plotly", "jinja2", "threadpoolctl", "rich"],
+    # xarray: the maps of `sweep` as NetCDF, through SciPy; 2023.1 is the oldest that a distribution we serve has
+    #     (Debian 12).
+    install_requires=[
+        "setuptools",
+        "numpy",
+        "scipy",
+        "numba",
+        "PyYAML",
+        "pandas>=2",
+        "xarray>=2023.1",
+        "rosbags>=0.11",
+        "plotly",
+        "jinja2",
+        "threadpoolctl",
+        "rich",
+    ],
     extras_require={
         # ROS 2 Jazzy as PyPI wheels, for machines without a distribution; never installed over a sourced one.
         "ros": [
@@ -42,7 +56,15 @@ setup(
             "ros-std-srvs==5.3.6",
             "ros-rosgraph-msgs==2.0.3",
         ],
-        "test": ["pytest", "pytest-xdist", "hypothesis", "import-linter", "ruff>=0.15,<0.16", "colcon-common-extensions", "dask[distributed]"],
+        "test": [
+            "pytest",
+            "pytest-xdist",
+            "hypothesis",
+            "import-linter",
+            "ruff>=0.15,<0.16",
+            "colcon-common-extensions",
+            "dask[distributed]",
+        ],
         "docs": ["sphinx>=8,<9", "myst-parser", "furo"],
         "cluster": ["dask[distributed]"],
         "benchmark": ["pysindy>=2.1", "scikit-sundae", "matplotlib"],
@@ -56,6 +78,6 @@ setup(
             f"record = {NAME}.nodes.start:record",
             f"monitor = {NAME}.nodes.start:monitor",
             f"play = {NAME}.nodes.start:play",
-        ],
+        ]
     },
 )

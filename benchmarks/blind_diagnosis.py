@@ -1,11 +1,12 @@
-"""Blind benchmark of the diagnosis: campaigns drawn at random and made by a simulator that shares nothing with the library.
+"""Blind benchmark of the diagnosis: campaigns drawn at random and made by a simulator that shares nothing with the
+library.
 
-    python benchmarks/blind_diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--whole] [--peers] [--output build/diagnosis.json]
+    python benchmarks/blind_diagnosis.py --campaigns 60 --seed 1000 [--kind nothing] [--whole] [--peers] [--output
+    build/diagnosis.json]
 
 Prints each campaign as it is done, then the confusion of verdicts, the part that is right, the false-alarm rate, the
-coverage of the 95 % intervals, the error on runs never seen from their exact initial states, and the time. With ``--peers``
-the same campaigns are put to what users of other tools would do (`peers`), judged alike.
-"""
+coverage of the 95 % intervals, the error on runs never seen from their exact initial states, and the time. With
+``--peers`` the same campaigns are put to what users of other tools would do (`peers`), judged alike."""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ CLEAR = 30.0
 
 
 def judge(truth: dict, found) -> dict:
-    """Whether a diagnosis is right: the verdict, every effect (or its named twin), the unknown's coordinate and variable."""
+    """Whether a diagnosis is right: the verdict, every effect (or its named twin), the unknown's coordinate and
+    variable."""
     named = {n: {n, *found.indistinguishable.get(n, ())} for n in found.effects}
     wanted = list(truth["effects"])
     missed = [w for w in wanted if not any(w in group for group in named.values())]
@@ -101,18 +103,42 @@ def run(seed: int, kind: str | None, with_peers: bool = False, whole: bool = Fal
         try:
             found = diagnose(campaign, Model.default())
         except Exception as error:  # a crash is a wrong answer with a reason, not the end of the benchmark
-            return {"seed": seed, "kind": truth["kind"], "right": False, "verdict": f"{type(error).__name__}: {error}", "seconds": time.perf_counter() - began,
-                    "truth": truth["verdict"], "effects": truth["effects"], "found": [], "off": {}, "clarity": 0.0, "error": None, "samples": 0, **beside}  # fmt: skip
+            return {
+                "seed": seed,
+                "kind": truth["kind"],
+                "right": False,
+                "verdict": f"{type(error).__name__}: {error}",
+                "seconds": time.perf_counter() - began,
+                # Fmt: skip.
+                "truth": truth["verdict"],
+                "effects": truth["effects"],
+                "found": [],
+                "off": {},
+                "clarity": 0.0,
+                "error": None,
+                "samples": 0,
+                **beside,
+            }
         seconds = time.perf_counter() - began
         clarity = [c["signal_after_nuisance"] for c in truth.get("clarity", {}).values()]
         return {
-            "seed": seed, "kind": truth["kind"], **judge(truth, found), "truth": truth["verdict"], "effects": truth["effects"],
+            "seed": seed,
+            "kind": truth["kind"],
+            **judge(truth, found),
+            "truth": truth["verdict"],
+            "effects": truth["effects"],
             "unknown": [(u["channel"], u["depends_on"]) for u in truth.get("unknown", [])],
-            "found": list(found.effects), "twins": {k: list(v) for k, v in found.indistinguishable.items()},
+            "found": list(found.effects),
+            "twins": {k: list(v) for k, v in found.indistinguishable.items()},
             "found_unknown": None if found.unknown is None else [found.unknown.channel, list(found.unknown.depends_on)],
-            "off": off(truth, found), "seconds": seconds, "clarity": min(clarity, default=0.0), "design": truth["plan"]["design"],
-            "error": heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"]), "samples": int(sum(r.measured.sum() for r in campaign.runs)), **beside,
-        }  # fmt: skip
+            "off": off(truth, found),
+            "seconds": seconds,
+            "clarity": min(clarity, default=0.0),
+            "design": truth["plan"]["design"],
+            "error": heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"]),
+            "samples": int(sum(r.measured.sum() for r in campaign.runs)),
+            **beside,
+        }
 
 
 def summary(rows: list[dict]) -> str:
@@ -122,7 +148,10 @@ def summary(rows: list[dict]) -> str:
         mine = [r for r in rows if kind is None or r["kind"] == kind]
         if mine:
             clear = [r for r in mine if r["truth"] == "adequate" or r["clarity"] >= CLEAR]
-            lines.append(f"| {kind or 'all'} | {len(mine)} | {sum(r['right'] for r in mine)} | {sum(r['right'] for r in clear)} of {len(clear)} |")
+            lines.append(
+                f"| {kind or 'all'} | {len(mine)} | {sum(r['right'] for r in mine)} | {sum(r['right'] for r in clear)}"
+                f" of {len(clear)} |"
+            )
     confusion = Counter((r["truth"], r["verdict"]) for r in rows)
     lines += ["", "| truth | verdict | campaigns |", "|---|---|---|"]
     lines += [f"| {t} | {v[:60]} | {n} |" for (t, v), n in sorted(confusion.items())]
@@ -134,7 +163,10 @@ def summary(rows: list[dict]) -> str:
         lines.append(f"95 % intervals that hold the truth: {100 * np.mean(hits):.1f} % of {len(hits)}")
     if errors:
         lines.append(f"error on unseen runs over noise: median {np.median(errors):.3f}, largest {max(errors):.3f}")
-    lines.append(f"time: median {statistics.median(r['seconds'] for r in rows):.0f} s, longest {max(r['seconds'] for r in rows):.0f} s")
+    lines.append(
+        f"time: median {statistics.median(r['seconds'] for r in rows):.0f} s, longest"
+        f" {max(r['seconds'] for r in rows):.0f} s"
+    )
     return "\n".join(lines + versus([r for r in rows if "peers" in r]))
 
 
@@ -143,7 +175,9 @@ def versus(rows: list[dict]) -> list[str]:
     if not rows:
         return []
     methods = {"this package": rows}
-    methods |= {name: [{"kind": r["kind"], "truth": r["truth"]} | r["peers"][name] for r in rows] for name in rows[0]["peers"]}
+    methods |= {
+        name: [{"kind": r["kind"], "truth": r["truth"]} | r["peers"][name] for r in rows] for name in rows[0]["peers"]
+    }
     lines = ["", f"| | campaigns | {' | '.join(methods)} |", "|---" * (2 + len(methods)) + "|"]
 
     def count(label: str, counted: Callable[[dict], bool], what: Callable[[dict], bool]) -> None:
@@ -154,9 +188,15 @@ def versus(rows: list[dict]) -> list[str]:
     for kind in [*campaigns.KINDS, None]:
         count(f"right: {kind or 'all'}", lambda r, kind=kind: kind in (None, r["kind"]), lambda r: r["right"])
     count("false alarms", lambda r: r["truth"] == "adequate", lambda r: r["verdict"] != "adequate")
-    count("all true effects, with others", lambda r: r["truth"] == "missing_effect", lambda r: r.get("missed") == [] and r["extra"] != [])
+    count(
+        "all true effects, with others",
+        lambda r: r["truth"] == "missing_effect",
+        lambda r: r.get("missed") == [] and r["extra"] != [],
+    )
     times = [[r["seconds"] for r in m] for m in methods.values()]
-    lines.append(f"| time, median / longest (s) | | {' | '.join(f'{statistics.median(s):.0f} / {max(s):.0f}' for s in times)} |")
+    lines.append(
+        f"| time, median / longest (s) | | {' | '.join(f'{statistics.median(s):.0f} / {max(s):.0f}' for s in times)} |"
+    )
     return lines
 
 
@@ -166,10 +206,20 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1000, help="of the first campaign; the others follow")
     parser.add_argument("--kind", choices=campaigns.KINDS)
-    parser.add_argument("--whole", action="store_true", help="the effects of November 2026 are among those hidden, runs on warm and cold days")
-    parser.add_argument("--peers", action="store_true", help="PySINDy's weak form and a stepwise BIC on the same campaigns too")
+    parser.add_argument(
+        "--whole",
+        action="store_true",
+        help="the effects of November 2026 are among those hidden, runs on warm and cold days",
+    )
+    parser.add_argument(
+        "--peers", action="store_true", help="PySINDy's weak form and a stepwise BIC on the same campaigns too"
+    )
     parser.add_argument("--output", type=Path, help="write all results as JSON too")
-    parser.add_argument("--scheduler", metavar="tcp://…", help="a campaign to each worker of this dask scheduler; they need this checkout at this path")
+    parser.add_argument(
+        "--scheduler",
+        metavar="tcp://…",
+        help="a campaign to each worker of this dask scheduler; they need this checkout at this path",
+    )
     given = parser.parse_args()
 
     def task(seed: int) -> dict:
@@ -190,10 +240,19 @@ def report(given: argparse.Namespace, found: Iterable[dict]) -> None:
         rows.append(row)
         seed = row["seed"]
         mark = "right" if row["right"] else "WRONG"
-        print(f"{seed} {mark} {row['kind']}: {row['effects']} {row.get('unknown')} -> {row['verdict'][:150]} {row['found']} {row.get('twins')} {row.get('found_unknown')} "
-              f"clarity {row['clarity']:.0f} error {row['error']} {row['seconds']:.0f} s {row['samples']} samples", flush=True)  # fmt: skip
+        print(
+            f"{seed} {mark} {row['kind']}: {row['effects']} {row.get('unknown')} -> {row['verdict'][:150]}"
+            f" {row['found']} {row.get('twins')} {row.get('found_unknown')} "
+            # Fmt: skip.
+            f"clarity {row['clarity']:.0f} error {row['error']} {row['seconds']:.0f} s {row['samples']} samples",
+            flush=True,
+        )
         for name, answer in row.get("peers", {}).items():
-            print(f"     {name}: {'right' if answer['right'] else 'WRONG'} {answer['verdict'][:150]} {answer['found']} {answer['seconds']:.0f} s", flush=True)
+            print(
+                f"     {name}: {'right' if answer['right'] else 'WRONG'} {answer['verdict'][:150]} {answer['found']}"
+                f" {answer['seconds']:.0f} s",
+                flush=True,
+            )
         if given.output:
             given.output.parent.mkdir(parents=True, exist_ok=True)
             given.output.write_text(json.dumps(rows, indent=1, default=str))

@@ -1,11 +1,12 @@
-"""How often the look at the data takes an impact for a fault: campaigns of the package's own model that hit the track in every way.
+"""How often the look at the data takes an impact for a fault: campaigns of the package's own model that hit the track
+in every way.
 
     python benchmarks/check_impacts.py --campaigns 300
 
-Speeds, currents, drops, releases, sampling (0.5 to 20 ms), channels and rounding are drawn. Printed is how many campaigns are refused or have
-samples set aside although nothing is wrong, and how many of the bad cells that are planted, one into each campaign, are found: large ones, which no
-contact explains, and small ones (60 times the noise), which beside the track it may. docs/check.md quotes it.
-"""
+Speeds, currents, drops, releases, sampling (0.5 to 20 ms), channels and rounding are drawn. Printed is how many
+campaigns are refused or have samples set aside although nothing is wrong, and how many of the bad cells that are
+planted, one into each campaign, are found: large ones, which no contact explains, and small ones (60 times the noise),
+which beside the track it may. docs/check.md quotes it."""
 
 from __future__ import annotations
 
@@ -23,12 +24,31 @@ from inductrack_ros.data import Campaign, Run
 
 POSE = ("surge", "sway", "heave", "roll")
 IMU = ("surge_acceleration", "sway_acceleration", "heave_acceleration")
-CHOICES = (tuple(CHANNELS), POSE, (*POSE, *IMU), tuple(CHANNELS[:8]), ("surge", "gap_top", "gap_right", "gap_left"), ("surge", "heave"))
+CHOICES = (
+    tuple(CHANNELS),
+    POSE,
+    (*POSE, *IMU),
+    tuple(CHANNELS[:8]),
+    ("surge", "gap_top", "gap_right", "gap_left"),
+    ("surge", "heave"),
+)
 STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
-NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4, "surge_rate": 0.01, "sway_rate": 3e-3, "heave_rate": 3e-3, "roll_rate": 0.01}
+NOISE = {
+    "surge": 5e-4,
+    "sway": 3e-5,
+    "heave": 3e-5,
+    "roll": 1e-4,
+    "surge_rate": 0.01,
+    "sway_rate": 3e-3,
+    "heave_rate": 3e-3,
+    "roll_rate": 0.01,
+}
 NOISE |= dict.fromkeys(("gap_top", "gap_right", "gap_left"), 3e-5) | dict.fromkeys(IMU, 0.05)
 #: What no contact does from one sample to the next.
-LARGE = {c: 8e3 if c in IMU else 200.0 if c == "roll_rate" else 20.0 if c.endswith("_rate") else 0.5 if c == "roll" else 0.05 for c in CHANNELS} | {"surge": 1.0, "surge_rate": 50.0}
+LARGE = {
+    c: 8e3 if c in IMU else 200.0 if c == "roll_rate" else 20.0 if c.endswith("_rate") else 0.5 if c == "roll" else 0.05
+    for c in CHANNELS
+} | {"surge": 1.0, "surge_rate": 50.0}
 
 
 def drawn(rng: np.random.Generator, model: Model) -> Campaign:
@@ -43,7 +63,11 @@ def drawn(rng: np.random.Generator, model: Model) -> Campaign:
         if rng.random() < 0.4:
             start |= {"heave": rng.uniform(-8e-3, 4e-3)}
         if rng.random() < 0.3:
-            start |= {"sway_rate": rng.uniform(-0.6, 0.6), "heave_rate": rng.uniform(-0.8, 0.8), "roll_rate": rng.uniform(-3, 3)}
+            start |= {
+                "sway_rate": rng.uniform(-0.6, 0.6),
+                "heave_rate": rng.uniform(-0.8, 0.8),
+                "roll_rate": rng.uniform(-3, 3),
+            }
         current = float(rng.choice([0.0, 3000.0, 7000.0]))
         flight = model.simulate(times, model.initial_state(**start), current)
         values = np.column_stack([flight[c] + NOISE[c] * rng.standard_normal(len(times)) for c in channels])
@@ -58,7 +82,9 @@ def planted(campaign: Campaign, run: int, row: int, channel: str, size: float) -
     """The campaign with one cell off."""
     values = campaign.runs[run].values.copy()
     values[row, campaign.runs[run].channels.index(channel)] += size
-    return replace(campaign, runs=tuple(replace(r, values=values) if i == run else r for i, r in enumerate(campaign.runs)))
+    return replace(
+        campaign, runs=tuple(replace(r, values=values) if i == run else r for i, r in enumerate(campaign.runs))
+    )
 
 
 def main() -> None:
@@ -82,7 +108,10 @@ def main() -> None:
         slow[kind] += 1
         for name, size in (("large", LARGE[channel]), ("small", 60 * NOISE[channel])):
             findings = look(planted(campaign, run, row, channel, size), model)
-            found[name, kind] += any(f.severity == SET_ASIDE and f.channel == channel and row in f.samples.get(f"run_{run}", ()) for f in findings)
+            found[name, kind] += any(
+                f.severity == SET_ASIDE and f.channel == channel and row in f.samples.get(f"run_{run}", ())
+                for f in findings
+            )
     print(f"{given.campaigns} campaigns: {wrong[IMPOSSIBLE]} refused, {wrong[SET_ASIDE]} with samples set aside")
     for (name, kind), count in sorted(found.items()):
         print(f"{name} bad cells, sampled {kind}: found {count} of {slow[kind]}")

@@ -1,12 +1,12 @@
-"""How often the look at the data is wrong: clean campaigns of the independent simulator, as they are and spoiled in one way each.
+"""How often the look at the data is wrong: clean campaigns of the independent simulator, as they are and spoiled in one
+way each.
 
     python benchmarks/check_levels.py --campaigns 60
     python benchmarks/check_levels.py --campaigns 0 --samples 3600000      # an hour at 1 kHz: time of the look over time of reading
 
-For each campaign that has surge, sway, heave and roll, every spoiling is tried; printed is how many clean campaigns got each kind of finding,
-how far from the model's motion the worst channel of each is, and of each spoiling how many campaigns it was refused in, and for the right reason.
-docs/check.md quotes it.
-"""
+For each campaign that has surge, sway, heave and roll, every spoiling is tried; printed is how many clean campaigns got
+each kind of finding, how far from the model's motion the worst channel of each is, and of each spoiling how many
+campaigns it was refused in, and for the right reason. docs/check.md quotes it."""  # noqa: E501
 
 from __future__ import annotations
 
@@ -33,10 +33,17 @@ from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
 
 #: What is multiplied by what, and the kind and the channels that are right to name.
 SPOILINGS = {
-    "surge in mm": ("surge", 1e3), "sway in mm": ("sway", 1e3), "heave in mm": ("heave", 1e3), "roll in degrees": ("roll", 180 / np.pi),
-    "sway flipped": ("sway", -1.0), "heave flipped": ("heave", -1.0), "roll flipped": ("roll", -1.0), "surge flipped": ("surge", -1.0),
-    "time in ms": ("time", 1e3), "current in kA": ("current", 1e-3),
-}  # fmt: skip
+    "surge in mm": ("surge", 1e3),
+    "sway in mm": ("sway", 1e3),
+    "heave in mm": ("heave", 1e3),
+    "roll in degrees": ("roll", 180 / np.pi),
+    "sway flipped": ("sway", -1.0),
+    "heave flipped": ("heave", -1.0),
+    "roll flipped": ("roll", -1.0),
+    "surge flipped": ("surge", -1.0),
+    "time in ms": ("time", 1e3),
+    "current in kA": ("current", 1e-3),
+}
 
 
 def spoiled(campaign: Campaign, what: str, factor: float) -> Campaign:
@@ -61,18 +68,25 @@ def right(name: str, what: str, found) -> bool:
     if what == "current":
         return any(f.channel == "drive_current" for f in found)
     twins = {"sway", "roll"} if name.endswith("flipped") and what in ("sway", "roll") else {what}
-    named = {f.channel for f in found} | {f.size.get("of") for f in found} | {c for f in found for c in f.size.get("candidates", ())}
+    named = (
+        {f.channel for f in found}
+        | {f.size.get("of") for f in found}
+        | {c for f in found for c in f.size.get("candidates", ())}
+    )
     return bool(twins & named)
 
 
 def speed(samples: int) -> None:
-    """Print the time of the look over that of reading one run of eight channels at 1 kHz, and what it adds to the memory of reading."""
+    """Print the time of the look over that of reading one run of eight channels at 1 kHz, and what it adds to the
+    memory of reading."""
     rng, times = np.random.default_rng(0), np.arange(samples) / 1e3
     swing = {"sway": (1e-3, 12.0, 3e-5), "heave": (5e-4, 35.0, 3e-5), "roll": (3e-3, 9.0, 1e-4)}
     columns = {"surge": 17 * times + 5e-4 * rng.standard_normal(samples)}
     columns |= {c: a * np.sin(w * times) + s * rng.standard_normal(samples) for c, (a, w, s) in swing.items()}
     columns["surge_rate"] = 17 + 0.01 * rng.standard_normal(samples)
-    columns |= {f"{c}_rate": a * w * np.cos(w * times) + 3e-3 * rng.standard_normal(samples) for c, (a, w, _) in swing.items()}
+    columns |= {
+        f"{c}_rate": a * w * np.cos(w * times) + 3e-3 * rng.standard_normal(samples) for c, (a, w, _) in swing.items()
+    }
     with tempfile.TemporaryDirectory() as folder:
         write_csv(Path(folder, "run.csv"), times, {c: np.round(y, 8) for c, y in columns.items()})
         Path(folder, "campaign.yaml").write_text("runs: [{file: run.csv, drive_current: 7000}]\n")
@@ -85,7 +99,10 @@ def speed(samples: int) -> None:
         look(campaign, model)
         looked = time.perf_counter() - read
         more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / memory - 1
-    print(f"{samples} samples of 8 channels: the look takes {looked / (read - began):.2f} of the time of reading, {100 * more:.0f} % more memory")
+    print(
+        f"{samples} samples of 8 channels: the look takes {looked / (read - began):.2f} of the time of reading,"
+        f" {100 * more:.0f} % more memory"
+    )
 
 
 def main() -> None:
@@ -114,7 +131,11 @@ def main() -> None:
             if windows is not None:
                 worst.append(max(misfits(windows, model, Reading()).values(), default=0.0))
             for name, (what, factor) in SPOILINGS.items():
-                if what in ("time", "current") and (what == "time" or any(r.drive_current for r in campaign.runs)) or what in campaign.channels:
+                if (
+                    what in ("time", "current")
+                    and (what == "time" or any(r.drive_current for r in campaign.runs))
+                    or what in campaign.channels
+                ):
                     found = impossible(look(spoiled(campaign, what, factor), model))
                     tried[name] += 1
                     refused[name] += bool(found)

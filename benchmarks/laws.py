@@ -1,12 +1,13 @@
-"""How well closed forms are told from the table of an unknown force: laws drawn at random, tables with noise as the fits give them.
+"""How well closed forms are told from the table of an unknown force: laws drawn at random, tables with noise as the
+fits give them.
 
     python benchmarks/laws.py --tables 400 --seed 1
 
-Each table is made of samples of a force along runs (where the variable dwells as runs do, with gaps), noise, and a smoothness chosen by
-evidence as in a diagnosis. Laws are drawn from the list and from outside it. Printed: how often the right law is in the set that the data
-cannot tell apart, how large that set is, how often a law is claimed where the truth is outside the list, and how often parameters lie in
-their 95 % intervals. No simulation is run, so this measures the choice among forms alone.
-"""
+Each table is made of samples of a force along runs (where the variable dwells as runs do, with gaps), noise, and a
+smoothness chosen by evidence as in a diagnosis. Laws are drawn from the list and from outside it. Printed: how often
+the right law is in the set that the data cannot tell apart, how large that set is, how often a law is claimed where the
+truth is outside the list, and how often parameters lie in their 95 % intervals. No simulation is run, so this measures
+the choice among forms alone."""
 
 from __future__ import annotations
 
@@ -24,9 +25,13 @@ from inductrack_ros.estimation.structure import roughness
 
 #: What runs cover of each variable: low and high, drawn between.
 COVERED = {
-    "surge": ((0.0, 0.0), (15.0, 45.0)), "time": ((0.0, 0.0), (0.8, 2.0)), "surge_rate": ((10.0, 18.0), (24.0, 40.0)),
-    "sway": ((-4e-3, -2e-3), (2e-3, 4e-3)), "heave": ((-7e-3, -5.5e-3), (-4e-3, -2e-3)), "sway_rate": ((-0.5, -0.2), (0.2, 0.5)),
-}  # fmt: skip
+    "surge": ((0.0, 0.0), (15.0, 45.0)),
+    "time": ((0.0, 0.0), (0.8, 2.0)),
+    "surge_rate": ((10.0, 18.0), (24.0, 40.0)),
+    "sway": ((-4e-3, -2e-3), (2e-3, 4e-3)),
+    "heave": ((-7e-3, -5.5e-3), (-4e-3, -2e-3)),
+    "sway_rate": ((-0.5, -0.2), (0.2, 0.5)),
+}
 
 
 def drawn_shape(rng, form: Form, r: Range) -> dict[str, float]:
@@ -50,7 +55,10 @@ def inside(rng, variable: str, u: np.ndarray, r: Range):
     form = rng.choice([f for f in forms_on(variable, "heave") if f.name != "constant"])
     shape = drawn_shape(rng, form, r)
     columns = form.columns(u, list(shape.values()))
-    sizes = {t.size: float(rng.choice([-1, 1]) * rng.uniform(0.6, 1.4) / np.sqrt(np.mean(c**2))) for t, c in zip(form.terms, columns, strict=True)}
+    sizes = {
+        t.size: float(rng.choice([-1, 1]) * rng.uniform(0.6, 1.4) / np.sqrt(np.mean(c**2)))
+        for t, c in zip(form.terms, columns, strict=True)
+    }
     return form, form.value(u, {**sizes, **shape}), {**sizes, **shape}
 
 
@@ -59,14 +67,18 @@ def outside(rng, u: np.ndarray, r: Range):
     x = (u - r.low) / r.length
     a, b, c = rng.uniform(0.2, 0.8), rng.uniform(0.05, 0.15), rng.uniform(2, 5)
     shapes = {
-        "two bumps": lambda: np.exp(-(((x - 0.4 * a) / b) ** 2)) - rng.uniform(0.4, 1) * np.exp(-(((x - 0.5 - 0.5 * a) / b) ** 2)),
+        "two bumps": lambda: (
+            np.exp(-(((x - 0.4 * a) / b) ** 2)) - rng.uniform(0.4, 1) * np.exp(-(((x - 0.5 - 0.5 * a) / b) ** 2))
+        ),
         "damped sine": lambda: np.exp(-3 * x) * np.sin(2 * np.pi * c * x),
         "chirp": lambda: np.sin(2 * np.pi * (x + c * x**2)),
         "sawtooth": lambda: (c * x) % 1.0,
         "bipolar": lambda: (x - a) / b * np.exp(-(((x - a) / b) ** 2)),
         "plateau": lambda: np.tanh((x - 0.3 * a) / 0.03) - np.tanh((x - 0.3 * a - 0.4) / 0.03),
         "quintic": lambda: np.polynomial.chebyshev.chebval(2 * x - 1, rng.standard_normal(6) * [0, 0.3, 0.6, 1, 1, 1]),
-        "rough": lambda: sum(rng.standard_normal() * np.sin(np.pi * k * x + rng.uniform(0, 6)) / k for k in range(1, 9)),
+        "rough": lambda: sum(
+            rng.standard_normal() * np.sin(np.pi * k * x + rng.uniform(0, 6)) / k for k in range(1, 9)
+        ),
     }
     name = str(rng.choice(list(shapes)))
     return name, shapes[name]()
@@ -141,9 +153,16 @@ def main() -> None:
             if found and given.misses:
                 missed[what, found[0].form.name] += 1
     i, o = max(counts["inside"], 1), max(counts["outside"], 1)
-    print(f"laws of the list: {i}; right law in the set {100 * counts['in the set'] / i:.0f} %, alone {100 * counts['alone'] / i:.0f} %, none said {100 * counts['said none'] / i:.0f} %, forms in the set {np.mean(sets):.1f}")
+    print(
+        f"laws of the list: {i}; right law in the set {100 * counts['in the set'] / i:.0f} %, alone"
+        f" {100 * counts['alone'] / i:.0f} %, none said {100 * counts['said none'] / i:.0f} %, forms in the set"
+        f" {np.mean(sets):.1f}"
+    )
     print(f"their parameters in the 95 % interval: {100 * np.mean(covered):.0f} % of {len(covered)}")
-    print(f"laws outside the list: {o}; a law of the list claimed {100 * counts['false'] / o:.0f} %, one alone {100 * counts['one false'] / o:.0f} %")
+    print(
+        f"laws outside the list: {o}; a law of the list claimed {100 * counts['false'] / o:.0f} %, one alone"
+        f" {100 * counts['one false'] / o:.0f} %"
+    )
     for (truth, said), times in missed.most_common():
         print(f"  {truth}: {said}, {times}")
 

@@ -2,10 +2,10 @@
 
     python benchmarks/starts_and_stops.py [--times 200] [--load 4] [--seed 0]
 
-Each start gets one of SIGINT, SIGTERM, SIGINT twice (as `ros2 launch` sends it) or SIGINT over and over, at a random moment after
-its first log line; `--load` processes spin meanwhile. `record` records what a simulator publishes, so its bag must be whole;
-`play` plays that bag. Clean is: status 0, no traceback, ended within `LIMIT` seconds. Ends with status 1 where one did not.
-"""
+Each start gets one of SIGINT, SIGTERM, SIGINT twice (as `ros2 launch` sends it) or SIGINT over and over, at a random
+moment after its first log line; `--load` processes spin meanwhile. `record` records what a simulator publishes, so its
+bag must be whole; `play` plays that bag. Clean is: status 0, no traceback, ended within `LIMIT` seconds. Ends with
+status 1 where one did not."""
 
 from __future__ import annotations
 
@@ -27,7 +27,12 @@ from inductrack_ros.data import write_bag
 from inductrack_ros.nodes.domain import claim_domain
 
 LIMIT = 20.0  # s from the signal to the end
-SIGNALS = {"INT": [signal.SIGINT], "TERM": [signal.SIGTERM], "INT INT": [signal.SIGINT] * 2, "INT …": [signal.SIGINT] * 2000}
+SIGNALS = {
+    "INT": [signal.SIGINT],
+    "TERM": [signal.SIGTERM],
+    "INT INT": [signal.SIGINT] * 2,
+    "INT …": [signal.SIGINT] * 2000,
+}
 BIN = Path(sys.executable).parent
 
 
@@ -64,7 +69,10 @@ def once(name: str, options: list, folder: Path, chance: random.Random) -> str:
     begin = time.monotonic()
     status = stop(process, SIGNALS[how])
     if status != 0 or "Traceback" in log.read_text():
-        return f"{how}: {'killed after ' + format(LIMIT, 'g') + ' s' if status is None else f'status {status}'}: {log.read_text().strip()[-200:]}"
+        return (
+            f"{how}: {'killed after ' + format(LIMIT, 'g') + ' s' if status is None else f'status {status}'}:"
+            f" {log.read_text().strip()[-200:]}"
+        )
     print(f"{name:17s} {how:8s} {time.monotonic() - begin:5.2f} s", end="\r", flush=True)
     return "clean"
 
@@ -94,7 +102,10 @@ def main() -> int:
     try:
         write_bag(folder / "played", [0.0, 1.0], {channel: [0.0, 1.0] for channel in STATES})
         for name in ("sim", "track_controller", "monitor", "record", "play"):
-            options = {"sim": ["--ros-args", "-r", "__ns:=/other"], "play": [folder / "played", "--listeners", "99"]}.get(name, [])
+            options = {
+                "sim": ["--ros-args", "-r", "__ns:=/other"],
+                "play": [folder / "played", "--listeners", "99"],
+            }.get(name, [])
             if name == "record":
                 found[name] = Counter(record(folder, chance) for _ in range(given.times))
             else:

@@ -1,10 +1,11 @@
-"""A sweep over the bare ensemble: what starts, statistics and maps cost on top of flying. Prints ratios of times taken in turn.
+"""A sweep over the bare ensemble: what starts, statistics and maps cost on top of flying. Prints ratios of times taken
+in turn.
 
     python benchmarks/sweep.py                    # 100,000 runs of 3 s, on all cores: minutes
     python benchmarks/sweep.py --runs 5000 --effects viscous_drag
 
-The bare ensemble flies the same runs from starts that are known, in blocks of the same size, and throws its outputs away.
-"""
+The bare ensemble flies the same runs from starts that are known, in blocks of the same size, and throws its outputs
+away."""
 
 from __future__ import annotations
 
@@ -41,7 +42,12 @@ def starts(plan: Plan) -> np.ndarray:
     states = np.zeros((plan.points, 8))
     states[:, INDEX["surge_rate"]] = speeds
     P = np.tile(plan.model.vector, (TOGETHER, 1))
-    return np.concatenate([on_equilibrium(plan.model, states[i : i + TOGETHER], P[: len(states[i : i + TOGETHER])]) for i in range(0, len(states), TOGETHER)])
+    return np.concatenate(
+        [
+            on_equilibrium(plan.model, states[i : i + TOGETHER], P[: len(states[i : i + TOGETHER])])
+            for i in range(0, len(states), TOGETHER)
+        ]
+    )
 
 
 def measured(plan: Plan, rounds: int) -> str:
@@ -73,7 +79,9 @@ def main() -> None:
     model = Model.create(effects=given.effects)
     sweep(Plan(model, read_axes(["surge_rate=12:30:600"], model)[1], {}, 0.3))  # compiles what is not yet
     for name, speeds, currents in (("half touch down", "10:40", "0:7000"), ("all fly", "20:40", "6500:7000")):
-        _, axes = read_axes([f"surge_rate={speeds}:{side}", f"drive_current={currents}:{-(-given.runs // side)}"], model)
+        _, axes = read_axes(
+            [f"surge_rate={speeds}:{side}", f"drive_current={currents}:{-(-given.runs // side)}"], model
+        )
         print(f"{name}: {measured(Plan(model, axes, {}), given.rounds)}", flush=True)
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 

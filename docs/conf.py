@@ -18,4 +18,3 @@ autodoc_default_options = {"members": True, "show-inheritance": True, "ignore-mo
 autodoc_member_order = "bysource"
 add_module_names = False
 myst_heading_anchors = 3
-

@@ -135,9 +135,9 @@ def _read(arguments: argparse.Namespace) -> tuple[Campaign, Model]:
 def _check_arguments(parser: argparse.ArgumentParser) -> None:
     _campaign_arguments(parser)
     parser.epilog = (
-        "Clocks, single samples, sensors, noise, and whether the channels fit each other and the model's motion. Prints one\n"
-        "line for each finding, worst first; what cannot be so stops compare and diagnose, what is left out they leave out.\n"
-        "Writes check.json and report.html. The exit status is 0 whatever is found."
+        "Clocks, single samples, sensors, noise, and whether the channels fit each other and the model's motion. Prints"
+        " one\nline for each finding, worst first; what cannot be so stops compare and diagnose, what is left out they"
+        " leave out.\nWrites check.json and report.html. The exit status is 0 whatever is found."
     )
 
 
@@ -199,15 +199,23 @@ def _seconds(text: str) -> float:
 
 def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     _campaign_arguments(parser)
-    parser.add_argument("--scheduler", metavar="tcp://…", help="do the refits on the workers of this dask scheduler (default: here)")
-    parser.add_argument("--budget", metavar="SECONDS", type=_seconds, default=float("inf"), help="give the best answer found within this time (default: no limit)")
+    parser.add_argument(
+        "--scheduler", metavar="tcp://…", help="do the refits on the workers of this dask scheduler (default: here)"
+    )
+    parser.add_argument(
+        "--budget",
+        metavar="SECONDS",
+        type=_seconds,
+        default=float("inf"),
+        help="give the best answer found within this time (default: no limit)",
+    )
     parser.add_argument("--explain", action="store_true", help="print every step of the search with its reason")
     parser.epilog = (
-        "Fits the free parameters and every run's initial state, decides whether anything is missing, and if so which\n"
-        "effect, how large, and what run would settle what these data leave open. A minute for a dozen runs; Ctrl-C\n"
-        "while it searches reports what was found until then.\n"
-        "Writes report.html, diagnosis.json and model.yaml, the improved model; for a force that no known effect explains also\n"
-        "proposed_effects.py and model_proposed.yaml, where a closed form describes it."
+        "Fits the free parameters and every run's initial state, decides whether anything is missing, and if so"
+        " which\neffect, how large, and what run would settle what these data leave open. A minute for a dozen runs;"
+        " Ctrl-C\nwhile it searches reports what was found until then.\nWrites report.html, diagnosis.json and"
+        " model.yaml, the improved model; for a force that no known effect explains also\nproposed_effects.py and"
+        " model_proposed.yaml, where a closed form describes it."
     )
 
 
@@ -257,7 +265,9 @@ def _add(arguments: argparse.Namespace) -> None:
         with progress() as tell:
             result = add_effect(campaign, model, arguments.effect, tell, say_findings)
         result.write(folder)
-        (folder / "report.html").write_text(diagnosis_report(result, addition(result), campaign.notes), encoding="utf-8")
+        (folder / "report.html").write_text(
+            diagnosis_report(result, addition(result), campaign.notes), encoding="utf-8"
+        )
     print(addition(result))
     print(f"{Path(arguments.output) / 'report.html'}")
 
@@ -278,9 +288,22 @@ def _delivered(module: str) -> tuple[Callable[[argparse.ArgumentParser], None], 
 
 
 COMMANDS = (
-    Command("simulate", "simulate a run or a campaign, as it is or as sensors measure it, without ROS", *_delivered(".simulate_command")),
-    Command("sweep", "map what runs would do over one or two parameters, initial states or currents, to plan with", *_delivered(".sweep_command")),
-    Command("check", "look at a campaign's data before any fit: clocks, units, signs, bad samples, noise", _check_arguments, _check),
+    Command(
+        "simulate",
+        "simulate a run or a campaign, as it is or as sensors measure it, without ROS",
+        *_delivered(".simulate_command"),
+    ),
+    Command(
+        "sweep",
+        "map what runs would do over one or two parameters, initial states or currents, to plan with",
+        *_delivered(".sweep_command"),
+    ),
+    Command(
+        "check",
+        "look at a campaign's data before any fit: clocks, units, signs, bad samples, noise",
+        _check_arguments,
+        _check,
+    ),
     Command("compare", "show where a model fails to predict a campaign's measurements", _compare_arguments, _compare),
     Command("diagnose", "find out which effect a model misses, if any", _diagnose_arguments, _diagnose),
     Command("add", "add one effect by hand, refit, and show how far the error falls", _add_arguments, _add),

@@ -35,12 +35,13 @@ FOLLOWS, HORIZONS = 2.0, (0.15, 0.3, 0.6, 1.2, 2.4, 4.8, 9.6, 19.2)
 WINDOW, FEWEST_IN_WINDOW = 0.2, 12
 
 
-def compare(campaign: Campaign, model: Model, hear: Callable[[tuple[Finding, ...]], None] = lambda _: None) -> Comparison:
+def compare(
+    campaign: Campaign, model: Model, hear: Callable[[tuple[Finding, ...]], None] = lambda _: None
+) -> Comparison:
     """Predict every run and say where the prediction fails.
 
-    ``hear`` is told what a look at the data finds, before any result. Raises `InputError` for data that cannot be meant as they
-    are written, and for what cannot be simulated.
-    """
+    ``hear`` is told what a look at the data finds, before any result. Raises `InputError` for data that cannot be meant
+    as they are written, and for what cannot be simulated."""
     campaign, findings = admit(campaign, model)
     hear(findings)
     structure = Structure(model, ())
@@ -87,9 +88,8 @@ def compare(campaign: Campaign, model: Model, hear: Callable[[tuple[Finding, ...
 def _initial_states(problem: Problem, structure: Structure) -> list[Array]:
     """Initial state (8,) of each run, sought from where multiple shooting has the cradle at its beginning.
 
-    It is fitted over as much of the run as the model follows: all of it where the model is right, and where the model is wrong
-    a beginning, so that its error is not shared out over the run.
-    """
+    It is fitted over as much of the run as the model follows: all of it where the model is right, and where the model
+    is wrong a beginning, so that its error is not shared out over the run."""
     if not any(data.free_states.size for data in problem.runs):
         return [data.guess for data in problem.runs]
     held = shooting.fit(problem, structure).states
@@ -169,7 +169,8 @@ def _restart(campaign: Campaign, model: Model, sigma: Mapping[str, float], truth
 
 
 def _windows(run: Run, truth: Array) -> Iterator[tuple[NDArray[np.intp], Run]]:
-    """The run cut into stretches of about `WINDOW`: rows, and those as a run. A speed nobody measures is as simulated."""
+    """The run cut into stretches of about `WINDOW`: rows, and those as a run. A speed nobody measures is as
+    simulated."""
     number = np.floor(run.times / (run.duration + 1e-9) * max(round(run.duration / WINDOW), 1))
     for k in np.unique(number):
         rows = np.flatnonzero(number == k)

@@ -48,7 +48,18 @@ def record(folder: Path) -> str:
         nodes = [
             node("record", log, "--output", folder / "bag", "--duration", SECONDS),
             node("track_controller", log, "--ros-args", "-p", "mode:=speed", *LOCKSTEP),
-            node("sim", log, "--ros-args", "-p", "drive:=pulses", "-p", "initial_state:=surge_rate=15.0", "-p", "listeners:=2", *LOCKSTEP),
+            node(
+                "sim",
+                log,
+                "--ros-args",
+                "-p",
+                "drive:=pulses",
+                "-p",
+                "initial_state:=surge_rate=15.0",
+                "-p",
+                "listeners:=2",
+                *LOCKSTEP,
+            ),
         ]
         try:
             status = nodes[0].wait(PATIENCE)

@@ -22,7 +22,7 @@ EPILOG = """examples:
   inductrack fit travels.csv my_campaign --std 0.05 --free eta,gamma,mass --output fit
 
 A CSV of distances has the header initial_speed,travel (m/s, m) and, if wanted, the columns duration (s), drive_current (A) and std (m).
-Writes report.html, fit.json and model.yaml, the model with the fitted values."""
+Writes report.html, fit.json and model.yaml, the model with the fitted values."""  # noqa: E501
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -107,7 +107,9 @@ def run(arguments: argparse.Namespace) -> None:
         fitted = with_values(model, dict(zip(free, fit.values.tolist(), strict=True)))
         (written / "report.html").write_text(render(report), encoding="utf-8")
         (written / "fit.json").write_text(file_text(results(report)), encoding="utf-8")
-        fitted.save(written / "model.yaml", f"Fitted by inductrack fit: {', '.join(free)}", Uncertainty(free, fit.covariance))
+        fitted.save(
+            written / "model.yaml", f"Fitted by inductrack fit: {', '.join(free)}", Uncertainty(free, fit.covariance)
+        )
     print(report.words)
     print(Path(arguments.output) / "report.html")
 

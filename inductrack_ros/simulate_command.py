@@ -31,12 +31,13 @@ With --measured a CSV has what the sensors deliver and nothing else, a bag has i
 measure stands in MODEL.yaml, by the sim node's own names: measured.heave.noise, measured.pose.rate, measured.gap_top.dropout, …,
 seed, and sensor effects such as sensor_delay:heave.
 With --run the folder has one CSV a run (--bags: one bag), campaign.yaml, and truth.yaml, the model that flew.
-An existing CSV is replaced; an existing bag or campaign is not."""
+An existing CSV is replaced; an existing bag or campaign is not."""  # noqa: E501
 
 
 @dataclass(frozen=True)
 class Flight:
-    """One run as it is to be flown: its initial state by name, its current (A), None for the model's, and its conditions."""
+    """One run as it is to be flown: its initial state by name, its current (A), None for the model's, and its
+    conditions."""
 
     initial: Mapping[str, float]
     drive_current: float | None
@@ -51,7 +52,9 @@ class Flight:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument("--model", metavar="MODEL.yaml", help="the model, a ROS 2 parameter file (default: the paper's)")
+    parser.add_argument(
+        "--model", metavar="MODEL.yaml", help="the model, a ROS 2 parameter file (default: the paper's)"
+    )
     parser.add_argument(
         "--initial",
         metavar="NAME=VALUE,…",
@@ -59,19 +62,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--duration", metavar="S", type=float, default=3.0, help="seconds to simulate (default: 3)")
     parser.add_argument("--rate", metavar="HZ", type=float, default=500.0, help="samples a second (default: 500)")
-    parser.add_argument("--drive-current", metavar="A", type=float, help="drive current, 0 to coast (default: the model's, 7000)")
+    parser.add_argument(
+        "--drive-current", metavar="A", type=float, help="drive current, 0 to coast (default: the model's, 7000)"
+    )
     parser.add_argument("--measured", action="store_true", help="write what the rig's sensors would deliver")
-    parser.add_argument("--seed", type=int, help="seed of the sensors' noise (default: that of MODEL.yaml, else another each time)")
+    parser.add_argument(
+        "--seed", type=int, help="seed of the sensors' noise (default: that of MODEL.yaml, else another each time)"
+    )
     parser.add_argument(
         "--run",
         metavar="NAME=VALUE,…",
         action="append",
         dest="runs",
-        help="a run of a campaign as measured: its initial state and, if wanted, drive_current and conditions (track_temperature=35); repeat it for more runs",
+        help=(
+            "a run of a campaign as measured: its initial state and, if wanted, drive_current and conditions"
+            " (track_temperature=35); repeat it for more runs"
+        ),
     )
     parser.add_argument("--bags", action="store_true", help="with --run: bags instead of CSV files")
     parser.add_argument(
-        "--output", metavar="RUN.csv|BAG|DIR", required=True, help="a .csv file, or else a rosbag2 folder to be made; with --run the campaign's folder"
+        "--output",
+        metavar="RUN.csv|BAG|DIR",
+        required=True,
+        help="a .csv file, or else a rosbag2 folder to be made; with --run the campaign's folder",
     )
     parser.epilog = EPILOG
 
@@ -87,7 +100,9 @@ def run(arguments: argparse.Namespace) -> None:
 
     model = Model.load(arguments.model) if arguments.model else Model.default()
     if model.drive == "pulses":
-        raise InputError(f"{arguments.model}: drive: pulses needs the controller node, which fires them; set drive: averaged here")
+        raise InputError(
+            f"{arguments.model}: drive: pulses needs the controller node, which fires them; set drive: averaged here"
+        )
     flights = [flight.for_effects_of(model) for flight in flights]
     measured = arguments.measured or bool(arguments.runs)
     values = _sensor_values(arguments.model)
@@ -102,7 +117,10 @@ def run(arguments: argparse.Namespace) -> None:
     if records is not None:
         print(_delivered(records, seed))
     elif passed_over := [n for n in (*values, *_sensor_effects(model)) if n != "seed"]:
-        print(f"{passed_over[0]}{' and others' if passed_over[1:] else ''} of {arguments.model}: of sensors, which show with --measured only")
+        print(
+            f"{passed_over[0]}{' and others' if passed_over[1:] else ''} of {arguments.model}: of sensors, which show"
+            " with --measured only"
+        )
 
 
 def _check(arguments: argparse.Namespace) -> None:
@@ -128,7 +146,11 @@ def _flights(arguments: argparse.Namespace) -> list[Flight]:
     if current is not None:
         PARAMETERS["drive_current"].check("--drive-current", current)
     if not arguments.runs:
-        return [Flight(named_values(LAUNCH if arguments.initial is None else arguments.initial, "--initial", LAUNCH), current)]
+        return [
+            Flight(
+                named_values(LAUNCH if arguments.initial is None else arguments.initial, "--initial", LAUNCH), current
+            )
+        ]
     flights = []
     for given in arguments.runs:
         initial = named_values(given, "--run", "surge_rate=16.1,drive_current=0")
@@ -143,7 +165,9 @@ def _check_output(output: Path, campaign: bool) -> None:
     is_csv = output.suffix.lower() == ".csv"
     if campaign and is_csv:
         raise InputError(f"--output {output}: with --run a folder is written; give one")
-    if os.path.lexists(output) and (output.is_dir() if is_csv else not campaign or not output.is_dir() or any(output.iterdir())):
+    if os.path.lexists(output) and (
+        output.is_dir() if is_csv else not campaign or not output.is_dir() or any(output.iterdir())
+    ):
         raise InputError(f"--output {output}: exists already; choose another name or delete it first")
     if not output.absolute().parent.is_dir():
         raise InputError(f"--output {output}: there is no folder {output.parent}; create it first")
@@ -189,7 +213,10 @@ def _flown(model: Model, flight: Flight, arguments: argparse.Namespace) -> Traje
     flown = model.simulate(times, start, flight.drive_current)
     lost = np.flatnonzero(~np.isfinite(flown.states).all(axis=1))
     if lost.size:
-        raise InputError(f"the simulation leaves all bounds at {times[lost[0]]:g} s; look at the initial state and the model's parameters")
+        raise InputError(
+            f"the simulation leaves all bounds at {times[lost[0]]:g} s; look at the initial state and the model's"
+            " parameters"
+        )
     return flown
 
 
@@ -202,7 +229,10 @@ def _rig(model: Model, values: Mapping[str, float], seed: int) -> Rig:
 def _record(model: Model, values: Mapping[str, float], seed: int, flown: Trajectory, rate: float) -> dict[str, Record]:
     found = _rig(model, values, seed).record(flown.times, flown.outputs, 1.0 / rate)
     if not any(record.times.size for record in found.values()):
-        raise InputError("the sensors deliver nothing: all are off, or every sample is lost; look at measured.<sensor>.rate and dropout")
+        raise InputError(
+            "the sensors deliver nothing: all are off, or every sample is lost; look at measured.<sensor>.rate and"
+            " dropout"
+        )
     return found
 
 
@@ -237,7 +267,9 @@ def _delivered(records: Mapping[str, Record], seed: int) -> str:
 # ---------------------------------------------------------------- a campaign
 
 
-def _campaign(output: Path, arguments: argparse.Namespace, model: Model, values: Mapping[str, float], flights: Sequence[Flight]) -> None:
+def _campaign(
+    output: Path, arguments: argparse.Namespace, model: Model, values: Mapping[str, float], flights: Sequence[Flight]
+) -> None:
     """A folder with a file for each flight as measured, ``campaign.yaml`` and ``truth.yaml``."""
     seed = _seed(arguments.seed, values)
     width = max(len(str(len(flights) - 1)), 2)
@@ -250,12 +282,19 @@ def _campaign(output: Path, arguments: argparse.Namespace, model: Model, values:
             _say(output / name, model, flight, flown)
         text = _campaign_text(output.name, _rig(model, values, seed), names, flights, model)
         (folder / "campaign.yaml").write_text(text, encoding="utf-8")
-        _truth(model, values).save(folder / "truth.yaml", "What flew, and how it was read. Nothing takes it unless it is named: --model truth.yaml")
-    print(f"{output}: {len(names)} runs as the sensors measured them, seeds {seed} to {seed + len(names) - 1}; truth.yaml says what flew")
+        _truth(model, values).save(
+            folder / "truth.yaml",
+            "What flew, and how it was read. Nothing takes it unless it is named: --model truth.yaml",
+        )
+    print(
+        f"{output}: {len(names)} runs as the sensors measured them, seeds {seed} to {seed + len(names) - 1}; truth.yaml"
+        " says what flew"
+    )
 
 
 def _truth(model: Model, values: Mapping[str, float]) -> Model:
-    """The model with the sensors' biases and delays (``measured.…``) as effects, so that it predicts what was measured."""
+    """The model with the sensors' biases and delays (``measured.…``) as effects, so that it predicts what was
+    measured."""
     effects = {name: dict(parameters) for name, parameters in model.effects.items()}
     for name, value in values.items():
         _, _, rest = name.partition(".")
@@ -279,6 +318,9 @@ def _campaign_text(name: str, rig: Rig, files: Sequence[str], flights: Sequence[
     }
     currents = [model.parameters["drive_current"] if f.drive_current is None else f.drive_current for f in flights]
     conditions = [{"conditions": dict(f.conditions)} if f.conditions else {} for f in flights]
-    runs = [{"file": file, "drive_current": float(current), **more} for file, current, more in zip(files, currents, conditions, strict=True)]
+    runs = [
+        {"file": file, "drive_current": float(current), **more}
+        for file, current, more in zip(files, currents, conditions, strict=True)
+    ]
     content = {"name": name, "noise_std": noise, "dof": model.dof, "runs": runs}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)

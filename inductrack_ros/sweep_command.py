@@ -30,22 +30,57 @@ EPILOG = """examples:
 An axis is NAME=FROM:TO:COUNT, NAME=FROM:TO:COUNT:log or NAME=a,b,c. NAME is a state at the start, a parameter of the model, an effect's
 (mass, viscous_drag.coefficient: the effect is then on), drive_current, or a condition that an effect asks for.
 With --samples every point is flown again under parameters drawn from the covariance that fit and diagnose write into model.yaml.
-Writes report.html and sweep.nc, the numbers (NetCDF; xarray.open_dataset reads it)."""
+Writes report.html and sweep.nc, the numbers (NetCDF; xarray.open_dataset reads it)."""  # noqa: E501
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument("--over", metavar="NAME=FROM:TO:COUNT", action="append", required=True, help="an axis; give it once or twice")
-    parser.add_argument("--model", metavar="MODEL.yaml", help="the model, a ROS 2 parameter file (default: the campaign's own, else the paper's)")
-    parser.add_argument("--initial", metavar="NAME=VALUE,…", help=f"initial state besides the axes, SI, and conditions; heave: the equilibrium unless given (default: {LAUNCH})")
-    parser.add_argument("--drive-current", metavar="A", type=float, help="drive current, 0 to coast (default: the model's, 7000)")
+    parser.add_argument(
+        "--over", metavar="NAME=FROM:TO:COUNT", action="append", required=True, help="an axis; give it once or twice"
+    )
+    parser.add_argument(
+        "--model",
+        metavar="MODEL.yaml",
+        help="the model, a ROS 2 parameter file (default: the campaign's own, else the paper's)",
+    )
+    parser.add_argument(
+        "--initial",
+        metavar="NAME=VALUE,…",
+        help=(
+            "initial state besides the axes, SI, and conditions; heave: the equilibrium unless given (default:"
+            f" {LAUNCH})"
+        ),
+    )
+    parser.add_argument(
+        "--drive-current", metavar="A", type=float, help="drive current, 0 to coast (default: the model's, 7000)"
+    )
     parser.add_argument("--duration", metavar="S", type=float, default=3.0, help="seconds of a run (default: 3)")
-    parser.add_argument("--rate", metavar="HZ", type=float, default=500.0, help="samples a second that a run is judged by (default: 500)")
-    parser.add_argument("--samples", metavar="N", type=int, help="draws of the parameters at each point (default: none)")
+    parser.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=float,
+        default=500.0,
+        help="samples a second that a run is judged by (default: 500)",
+    )
+    parser.add_argument(
+        "--samples", metavar="N", type=int, help="draws of the parameters at each point (default: none)"
+    )
     parser.add_argument("--seed", metavar="SEED", type=int, default=0, help="seed of the draws (default: 0)")
-    parser.add_argument("--campaign", metavar="DIR", help="draw the runs of this campaign.yaml on the maps; they need not have been measured")
-    parser.add_argument("--effects", metavar="MY_EFFECTS.py", action="append", default=[], help="a file with effects of your own (it is run)")
-    parser.add_argument("--scheduler", metavar="tcp://…", help="fly on the workers of this dask scheduler (default: here)")
+    parser.add_argument(
+        "--campaign",
+        metavar="DIR",
+        help="draw the runs of this campaign.yaml on the maps; they need not have been measured",
+    )
+    parser.add_argument(
+        "--effects",
+        metavar="MY_EFFECTS.py",
+        action="append",
+        default=[],
+        help="a file with effects of your own (it is run)",
+    )
+    parser.add_argument(
+        "--scheduler", metavar="tcp://…", help="fly on the workers of this dask scheduler (default: here)"
+    )
     parser.add_argument("--output", metavar="DIR", required=True, help="folder for the results; made if need be")
     parser.epilog = EPILOG
 
@@ -85,7 +120,9 @@ def _check(arguments: argparse.Namespace) -> None:
     if not 6 <= samples <= MOST_SAMPLES:
         raise InputError(f"--duration × --rate is {samples} samples a run; give 6 to {MOST_SAMPLES}")
     if arguments.samples is not None and arguments.samples < 1:
-        raise InputError(f"--samples {arguments.samples}: give 1 or more, or leave it out for the model's own parameters alone")
+        raise InputError(
+            f"--samples {arguments.samples}: give 1 or more, or leave it out for the model's own parameters alone"
+        )
     if not 0 <= arguments.seed < 2**31:
         raise InputError(f"--seed {arguments.seed}: must lie in [0, {2**31 - 1}]")
 
@@ -119,7 +156,9 @@ def _plan(arguments: argparse.Namespace, planned: PlannedCampaign | None) -> Pla
     if arguments.drive_current is not None:
         if "drive_current" in swept:
             raise InputError("--drive-current and --over drive_current: give one of them")
-        model = model.with_changes({"drive_current": PARAMETERS["drive_current"].check("--drive-current", arguments.drive_current)})
+        model = model.with_changes(
+            {"drive_current": PARAMETERS["drive_current"].check("--drive-current", arguments.drive_current)}
+        )
     given = named_values("" if "surge_rate" in swept else LAUNCH, "--initial", LAUNCH)
     given |= named_values(arguments.initial or "", "--initial", LAUNCH)
     if twice := [n for n in given if n in swept]:
@@ -130,7 +169,11 @@ def _plan(arguments: argparse.Namespace, planned: PlannedCampaign | None) -> Pla
     model.initial_state(**{"heave": 0.0} | {n: v for n, v in initial.items()})  # complains of unknown names
     initial = {n: initial[n] for n in STATES if n in initial}
     draws = _draws(arguments, model, file, swept)
-    return Plan(model, axes, initial, arguments.duration, arguments.rate, draws) if draws else Plan(model, axes, initial, arguments.duration, arguments.rate)
+    return (
+        Plan(model, axes, initial, arguments.duration, arguments.rate, draws)
+        if draws
+        else Plan(model, axes, initial, arguments.duration, arguments.rate)
+    )
 
 
 def _model(arguments: argparse.Namespace, planned: PlannedCampaign | None) -> tuple[Model, str | Path | None]:
@@ -138,7 +181,11 @@ def _model(arguments: argparse.Namespace, planned: PlannedCampaign | None) -> tu
     from .core.model import Model
 
     file = arguments.model or (planned.model if planned else None)
-    model = Model.load(file, arguments.effects, trusted=bool(arguments.model)) if file else Model.create(effect_files=arguments.effects)
+    model = (
+        Model.load(file, arguments.effects, trusted=bool(arguments.model))
+        if file
+        else Model.create(effect_files=arguments.effects)
+    )
     if model.drive == "pulses":
         raise InputError(f"{file}: drive: pulses needs the controller node, which fires them; set drive: averaged here")
     return model, file
@@ -155,6 +202,9 @@ def _draws(arguments: argparse.Namespace, model: Model, file: str | Path | None,
         raise InputError(f"--samples {arguments.samples}: at most {MOST_RUNS} runs are flown in all")
     known = Uncertainty.load(file) if file else None
     if known is None:
-        raise InputError(f"--samples: {file or 'the paper’s model'} carries no covariance; give --model a model.yaml that inductrack fit or diagnose wrote")
+        raise InputError(
+            f"--samples: {file or 'the paper’s model'} carries no covariance; give --model a model.yaml that inductrack"
+            " fit or diagnose wrote"
+        )
     fixed = [*swept, *(["drive_current"] if arguments.drive_current is not None else [])]
     return draw(known, model, fixed, arguments.samples, arguments.seed)

@@ -6,12 +6,54 @@ import codecs
 import sys
 
 _PLAIN = {
-    "η": "eta", "γ": "gamma", "σ": "sigma", "χ": "chi", "λ": "lambda", "δ": "delta", "Δ": "Delta", "Σ": "sum", "Ω": "Ohm",
-    "π": "pi", "ω": "omega", "µ": "u", "μ": "u", "°": "deg", "·": "*", "×": "x", "±": "+-", "−": "-", "–": "-", "—": "-", "…": "...",
-    "√": "sqrt ", "∞": "inf", "≤": "<=", "≥": ">=", "≈": "~", "→": "->", "←": "<-", "“": '"', "”": '"', "‘": "'", "’": "'", "\u202f": " ",
-    "\u00a0": " ", "²": "^2", "³": "^3", "⁻": "^-", **{c: str(i) for i, c in enumerate("⁰¹  ⁴⁵⁶⁷⁸⁹") if c != " "},
-    "ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "█": "#", "▁": "_", "│": "|", "─": "-", "•": "*",
-}  # fmt: skip
+    "η": "eta",
+    "γ": "gamma",
+    "σ": "sigma",
+    "χ": "chi",
+    "λ": "lambda",
+    "δ": "delta",
+    "Δ": "Delta",
+    "Σ": "sum",
+    "Ω": "Ohm",
+    "π": "pi",
+    "ω": "omega",
+    "µ": "u",
+    "μ": "u",
+    "°": "deg",
+    "·": "*",
+    "×": "x",
+    "±": "+-",
+    "−": "-",
+    "–": "-",
+    "—": "-",
+    "…": "...",
+    "√": "sqrt ",
+    "∞": "inf",
+    "≤": "<=",
+    "≥": ">=",
+    "≈": "~",
+    "→": "->",
+    "←": "<-",
+    "“": '"',
+    "”": '"',
+    "‘": "'",
+    "’": "'",
+    "\u202f": " ",
+    "\u00a0": " ",
+    "²": "^2",
+    "³": "^3",
+    "⁻": "^-",
+    **{c: str(i) for i, c in enumerate("⁰¹  ⁴⁵⁶⁷⁸⁹") if c != " "},
+    "ä": "ae",
+    "ö": "oe",
+    "ü": "ue",
+    "ß": "ss",
+    "█": "#",
+    "▁": "_",
+    "│": "|",
+    "─": "-",
+    "•": "*",
+}
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
@@ -24,7 +66,8 @@ codecs.register_error("inductrack.plain", _plain)
 
 
 def speak_to_any_terminal() -> None:
-    """From now on what is printed never fails for its letters, whatever the terminal's encoding and the names of files."""
+    """From now on what is printed never fails for its letters, whatever the terminal's encoding and the names of
+    files."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # not what a test or a notebook puts there
             stream.reconfigure(errors="inductrack.plain")

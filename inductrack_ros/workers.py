@@ -65,13 +65,17 @@ class Cluster:
 
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Sending large graph")  # a campaign is ten megabytes
-            sent = self.client.submit(_same, _pack(task), pure=False)  # a result, not data: made again if its worker dies
+            sent = self.client.submit(
+                _same, _pack(task), pure=False
+            )  # a result, not data: made again if its worker dies
             futures = self.client.map(_work, [_pack(i) for i in items], task=sent, here=_versions(), pure=False)
         try:
             for future in futures:
                 yield pickle.loads(future.result())
         except KilledWorker as error:
-            raise InputError(f"the cluster: a task outlived {DEATHS} workers; is there enough memory on each? ({error})") from error
+            raise InputError(
+                f"the cluster: a task outlived {DEATHS} workers; is there enough memory on each? ({error})"
+            ) from error
         finally:  # also after Ctrl-C: nothing goes on in the background
             self.client.cancel(futures)
 
@@ -91,7 +95,10 @@ def workers(scheduler: str | None = None) -> Iterator[Threads | Cluster]:
         try:
             client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InputError(f"--scheduler {scheduler}: nothing answers there; start one with 'dask scheduler' and give the address it prints") from error
+            raise InputError(
+                f"--scheduler {scheduler}: nothing answers there; start one with 'dask scheduler' and give the address"
+                " it prints"
+            ) from error
     with client:
         yield Cluster(client)
 
@@ -107,7 +114,9 @@ def _work(packed: bytes, task: bytes, here: tuple) -> bytes:
     """Run one task on a worker. Everything is packed by us, so that dask's own serialisation has no say in the bits."""
     if _versions() != here:
         differing = [f"{b} here" for b in here if b not in _versions()]
-        raise InputError(f"worker on {platform.node()}: {'; '.join(differing)}, not there; install the same on all machines")
+        raise InputError(
+            f"worker on {platform.node()}: {'; '.join(differing)}, not there; install the same on all machines"
+        )
     _begin_work()
     return _pack(_unpacked(task)(pickle.loads(packed)))
 
@@ -139,7 +148,12 @@ def _versions() -> tuple[str, ...]:
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         sources.update(path.read_bytes())
     packages = [f"{name} {version(name)}" for name in ("numpy", "scipy", "numba")]
-    return f"inductrack_ros sources {sources.hexdigest()[:12]}", f"Python {platform.python_version()}", platform.machine(), *packages
+    return (
+        f"inductrack_ros sources {sources.hexdigest()[:12]}",
+        f"Python {platform.python_version()}",
+        platform.machine(),
+        *packages,
+    )
 
 
 def _restore(values: tuple, files: dict[str, bytes]) -> Model:
@@ -149,7 +163,8 @@ def _restore(values: tuple, files: dict[str, bytes]) -> Model:
 
 
 def _reduce(model: Model) -> tuple:
-    """A model as its fields and the text of its effect files; what is compiled is compiled again, or is in the cache."""
+    """A model as its fields and the text of its effect files; what is compiled is compiled again, or is in the
+    cache."""
     files = {f: run_file(f).content for f in model.effect_files}
     return _restore, (tuple(getattr(model, f.name) for f in fields(model)), files)
 

@@ -5,8 +5,8 @@
     ros2 launch inductrack_ros inductrack.launch.py drive:=pulses rviz:=true bag:=run_01
     ros2 launch inductrack_ros inductrack.launch.py --show-args
 
-Everything is decided, and refused where it cannot be, before the first process starts: see `inductrack_ros.nodes.launching`.
-"""
+Everything is decided, and refused where it cannot be, before the first process starts: see
+`inductrack_ros.nodes.launching`."""
 
 from pathlib import Path
 
@@ -31,7 +31,9 @@ JOINING = "60"  # s that the recorder gets to join the files of its bag before l
 def generate_launch_description() -> LaunchDescription:
     """What `ros2 launch` runs."""
     declared = (
-        DeclareLaunchArgument(name, default_value=one.default, description=one.meaning, choices=list(one.choices) or None)
+        DeclareLaunchArgument(
+            name, default_value=one.default, description=one.meaning, choices=list(one.choices) or None
+        )
         for name, one in ARGUMENTS.items()
     )
     return LaunchDescription([*declared, OpaqueFunction(function=processes)])
@@ -49,7 +51,9 @@ def processes(context: LaunchContext) -> list[Node]:
 
 def _namespace(name: str, context: LaunchContext) -> str:
     """The absolute namespace; below that of a group of actions (PushRosNamespace), unless it begins with a slash."""
-    namespace = make_namespace_absolute(prefix_namespace(context.launch_configurations.get("ros_namespace"), name.rstrip("/") or "/"))
+    namespace = make_namespace_absolute(
+        prefix_namespace(context.launch_configurations.get("ros_namespace"), name.rstrip("/") or "/")
+    )
     try:
         validate_namespace(namespace)
     except InvalidNamespaceException as error:
@@ -76,7 +80,10 @@ def _rviz(share: Path, namespace: str, given: dict[str, str]) -> Node:
     config = given["rviz_config"]
     if not config:
         made = Path(launch_config.log_dir, f"{namespace.strip('/').replace('/', '_')}.rviz")
-        made.write_text(rviz_configuration((share / "rviz" / "forces.rviz").read_text(encoding="utf-8"), namespace, given), encoding="utf-8")
+        made.write_text(
+            rviz_configuration((share / "rviz" / "forces.rviz").read_text(encoding="utf-8"), namespace, given),
+            encoding="utf-8",
+        )
         config = str(made)
     time = {"use_sim_time": True} if given["use_sim_time"] == "true" else {}
     return Node(

@@ -1,4 +1,5 @@
-"""From rest by the bungee, afloat, driven, and down on the wheels: one run of the simulator, see docs/launch_from_rest.md.
+"""From rest by the bungee, afloat, driven, and down on the wheels: one run of the simulator, see
+docs/launch_from_rest.md.
 
     ros2 launch inductrack_ros launch_from_rest.launch.py bag:=from_rest
 

@@ -23,7 +23,9 @@ from inductrack_ros.nodes.domain import claim_domain
 _domain = claim_domain()  # before any import of rclpy reads the environment; held until the tests end
 os.environ["ROS_LOG_DIR"] = tempfile.mkdtemp(prefix="inductrack_ros_log_")
 os.environ["PYTHONUNBUFFERED"] = "1"
-threadpool_limits(1, "blas")  # as the diagnosis itself does: where another worker has the second core its threads only spin
+threadpool_limits(
+    1, "blas"
+)  # as the diagnosis itself does: where another worker has the second core its threads only spin
 # A shell that starts the tests in the background has them ignore Ctrl-C, and what they start would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -36,7 +38,9 @@ settings.register_profile("nightly", NIGHTLY)  # `make fuzz`; test_fuzz.py says 
 _INSTALLED = [Path(p, "lib", "inductrack_ros") for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
 BIN = next((folder for folder in (Path(sys.executable).parent, *_INSTALLED) if (folder / "inductrack").exists()), None)
 if BIN is None:
-    raise pytest.UsageError("inductrack_ros is not installed: `make setup`, or `colcon build` and its setup file, comes first")
+    raise pytest.UsageError(
+        "inductrack_ros is not installed: `make setup`, or `colcon build` and its setup file, comes first"
+    )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -61,7 +65,10 @@ PATIENCE = 120.0  # s; how long a condition is awaited on a busy machine before 
 
 
 def wait_until(
-    condition: Callable[[], object], what: str, while_waiting: Callable[[], None] | None = None, patience: float = PATIENCE
+    condition: Callable[[], object],
+    what: str,
+    while_waiting: Callable[[], None] | None = None,
+    patience: float = PATIENCE,
 ) -> object:
     """Return the condition's first true value, or fail the test saying what did not happen."""
     end = time.monotonic() + patience
@@ -171,7 +178,9 @@ class Ros:
         """
         from rcl_interfaces.srv import ListParameters
 
-        self.wait(lambda: all(s.get_publisher_count() for s in self._subscriptions), "publishers of all that is listened to")
+        self.wait(
+            lambda: all(s.get_publisher_count() for s in self._subscriptions), "publishers of all that is listened to"
+        )
         for node in nodes:
             self.call(ListParameters, f"{node}/list_parameters")
 

@@ -1,4 +1,5 @@
-"""Idea: the peers of the blind benchmark are given a fair chance: each finds a clear drag, and the benchmark's judge counts it."""
+"""Idea: the peers of the blind benchmark are given a fair chance: each finds a clear drag, and the benchmark's judge
+counts it."""
 
 import sys
 from dataclasses import replace

@@ -26,7 +26,7 @@ from inductrack_ros.core.effects import Parameter, effect
 def warm_track(resistance, coefficient, track_temperature):
     """Resistance of a warm track."""
     return resistance * (1.0 + coefficient * (track_temperature - 20.0))
-'''
+'''  # noqa: E501
 
 
 def rig(folder: Path, flown: dict, keys: str = "", noise=3e-5, seed=1) -> Path:
@@ -36,7 +36,9 @@ def rig(folder: Path, flown: dict, keys: str = "", noise=3e-5, seed=1) -> Path:
     lines = [keys, "noise_std: {surge: 3.0e-5, heave: 3.0e-5}", "runs:"]
     for name, (model, start, current, more) in flown.items():
         run = model.simulate(TIMES, model.initial_state(**start), current)
-        write_csv(folder / f"{name}.csv", TIMES, {c: run[c] + rng.normal(0, noise, len(TIMES)) for c in ("surge", "heave")})
+        write_csv(
+            folder / f"{name}.csv", TIMES, {c: run[c] + rng.normal(0, noise, len(TIMES)) for c in ("surge", "heave")}
+        )
         lines.append(f"- {{file: {name}.csv, drive_current: {current}{more}}}")
     (folder / "campaign.yaml").write_text("\n".join(lines) + "\n")
     return folder
@@ -46,7 +48,9 @@ def rig(folder: Path, flown: dict, keys: str = "", noise=3e-5, seed=1) -> Path:
 
 
 def test_a_list_of_coordinates_is_a_number_where_there_is_one():
-    assert as_dof(["heave", "surge"]) == 2 and as_dof(("surge", "sway", "heave", "roll")) == 4 and as_dof(["heave"]) == 1
+    assert (
+        as_dof(["heave", "surge"]) == 2 and as_dof(("surge", "sway", "heave", "roll")) == 4 and as_dof(["heave"]) == 1
+    )
     assert as_dof(["heave", "surge", "roll"]) == ("surge", "heave", "roll") and as_dof(2) == 2
     for nonsense in (3, True, 2.0, [], ["surge", "surge"], ["pitch"], "surge", None):
         assert as_dof(nonsense) is None
@@ -69,7 +73,11 @@ def test_a_cart_without_magnets_and_contact(tmp_path):
     model = Model.create(plain, {"viscous_drag": {"coefficient": 0.8}}, dof=["surge"])
     run = model.simulate(TIMES, model.initial_state(surge_rate=3.0), 0.0)
     assert run["surge_rate"][-1] == pytest.approx(3.0 * np.exp(-0.4 * TIMES[-1]), rel=1e-6)
-    folder = rig(tmp_path / "rig", {"a": (model, {"surge_rate": 3.0}, 0, ""), "b": (model, {"surge_rate": 2.0}, 0, "")}, "dof: [surge]")
+    folder = rig(
+        tmp_path / "rig",
+        {"a": (model, {"surge_rate": 3.0}, 0, ""), "b": (model, {"surge_rate": 2.0}, 0, "")},
+        "dof: [surge]",
+    )
     for name in ("a", "b"):
         table = (folder / f"{name}.csv").read_text().splitlines()
         (folder / f"{name}.csv").write_text("\n".join(line.rpartition(",")[0] for line in table) + "\n")
@@ -84,7 +92,10 @@ def test_a_cart_without_magnets_and_contact(tmp_path):
 def test_a_condition_takes_the_place_of_a_parameter_in_its_run(tmp_path):
     light, heavy = Model.create({"mass": 9.0}), Model.create({"mass": 9.42})
     start = {"surge_rate": 18.0}
-    flown = {"light": (light, start, 7000.0, ", conditions: {mass: 9.0}"), "heavy": (heavy, start, 7000.0, ", conditions: {mass: 9.42}")}
+    flown = {
+        "light": (light, start, 7000.0, ", conditions: {mass: 9.0}"),
+        "heavy": (heavy, start, 7000.0, ", conditions: {mass: 9.42}"),
+    }
     campaign = load_campaign(rig(tmp_path / "rig", flown))
     assert [run.conditions for run in campaign.runs] == [{"mass": 9.0}, {"mass": 9.42}]
     assert compare(campaign, Model.default()).errors["surge"] < 3.0
@@ -98,7 +109,10 @@ def test_a_condition_reaches_the_effect_that_asks_for_it(tmp_path):
     model = Model.create(effects=effects, effect_files=[tmp_path / "warm.py"])
     hot = Model.create({"resistance": model.parameters["resistance"] * 1.08})  # 40 °C
     cold = Model.default()
-    flown = {"hot": (hot, {"surge_rate": 18.0}, 0, ", conditions: {track_temperature: 40.0, humidity: 0.3}"), "cold": (cold, {"surge_rate": 18.0}, 0, "")}
+    flown = {
+        "hot": (hot, {"surge_rate": 18.0}, 0, ", conditions: {track_temperature: 40.0, humidity: 0.3}"),
+        "cold": (cold, {"surge_rate": 18.0}, 0, ""),
+    }
     campaign = load_campaign(rig(tmp_path / "rig", flown))
     assert compare(campaign, model).error < 1.2 < 5.0 < compare(campaign, Model.default()).error
     structure = Structure(model, ())
@@ -107,7 +121,9 @@ def test_a_condition_reaches_the_effect_that_asks_for_it(tmp_path):
     assert [problem.vectors(structure, i, structure.start[None])[0, column] for i in (0, 1)] == [40.0, 20.0]
     unused = "condition 'humidity' is not used: neither the model nor an effect asks for it"
     assert campaign.against(model).remarks == (unused, "cold: no condition 'track_temperature'; 20 is taken")
-    assert campaign.against(Model.default()).remarks[1] == "cold: no condition 'track_temperature'; 20 is taken"  # an effect that may be found missing asks for it
+    assert (
+        campaign.against(Model.default()).remarks[1] == "cold: no condition 'track_temperature'; 20 is taken"
+    )  # an effect that may be found missing asks for it
     told = model.with_changes(conditions={"track_temperature": 35.0})
     assert campaign.against(told).remarks[1] == "cold: no condition 'track_temperature'; 35 is taken"
     problem = Problem(campaign, told, {"surge": 3e-5, "heave": 3e-5})
@@ -121,9 +137,13 @@ def test_conditions_of_a_model_are_kept_and_checked(tmp_path):
     x = model.initial_state(surge_rate=20.0)
     warm = Model.create({"resistance": 1.5e-3 * 1.1})
     assert model.wrenches(x)["total"] == pytest.approx(warm.wrenches(x)["total"], rel=1e-12)
-    with pytest.raises(InputError, match="conditions.track_temprature: no effect asks for it; did you mean 'track_temperature'"):
+    with pytest.raises(
+        InputError, match="conditions.track_temprature: no effect asks for it; did you mean 'track_temperature'"
+    ):
         Model.from_mapping({"conditions.track_temprature": 3.0})
-    with pytest.raises(InputError, match="conditions.mass: it is a parameter of the model, set that|conditions.mass: no effect"):
+    with pytest.raises(
+        InputError, match="conditions.mass: it is a parameter of the model, set that|conditions.mass: no effect"
+    ):
         Model.from_mapping({"conditions.mass": 3.0})
     with pytest.raises(InputError, match="conditions.track_temperature = 'warm' is not a finite number"):
         Model.from_mapping({"conditions.track_temperature": "warm"})
@@ -133,17 +153,37 @@ def test_a_campaign_is_flown_under_its_conditions(tmp_path):
     """What `simulate --run` writes under conditions, `compare` reads under the same ones."""
     (tmp_path / "truth.yaml").write_text("effects: [track_temperature]\ntrack_temperature: {coefficient: 0.004}\n")
     runs = [f"--run=surge_rate=18,drive_current=0,track_temperature={t}" for t in (10, 60)]
-    cli.main(["simulate", "--model", str(tmp_path / "truth.yaml"), *runs, "--duration", "0.5", "--seed", "1", "--output", str(tmp_path / "rig")])
+    cli.main(
+        [
+            "simulate",
+            "--model",
+            str(tmp_path / "truth.yaml"),
+            *runs,
+            "--duration",
+            "0.5",
+            "--seed",
+            "1",
+            "--output",
+            str(tmp_path / "rig"),
+        ]
+    )
     campaign = load_campaign(tmp_path / "rig")
     assert [run.conditions for run in campaign.runs] == [{"track_temperature": 10.0}, {"track_temperature": 60.0}]
-    assert compare(campaign, Model.load(tmp_path / "truth.yaml")).error < 1.2 < 3.0 < compare(campaign, Model.default()).error
+    assert (
+        compare(campaign, Model.load(tmp_path / "truth.yaml")).error
+        < 1.2
+        < 3.0
+        < compare(campaign, Model.default()).error
+    )
 
 
 # ---------------------------------------------------------------- inputs
 
 
 def test_inputs_of_a_csv_and_of_a_bag(tmp_path):
-    (tmp_path / "run.csv").write_text("time,surge,I [kA],v\n" + "".join(f"{t},{15 * t},{7 + t},{1}\n" for t in TIMES[:50]))
+    (tmp_path / "run.csv").write_text(
+        "time,surge,I [kA],v\n" + "".join(f"{t},{15 * t},{7 + t},{1}\n" for t in TIMES[:50])
+    )
     (tmp_path / "campaign.yaml").write_text("inputs: {drive_current: I, wind: v}\nruns: [{file: run.csv}]\n")
     campaign = load_campaign(tmp_path)
     times, current = campaign.runs[0].inputs["drive_current"]
@@ -153,7 +193,10 @@ def test_inputs_of_a_csv_and_of_a_bag(tmp_path):
     assert notes[0] == "input 'wind' is read and not used: the model takes no input that changes in time"
     assert "run: drive_current was measured from 7000 to 7098 A; the model takes its mean, 7049 A" in notes
 
-    bag = record(tmp_path / "bag", {GOOD: poses(3), "/bus": [point(EPOCH + 2_000_000, 3.5, -1), point(EPOCH + 4_000_000, 4.5, -1)]})
+    bag = record(
+        tmp_path / "bag",
+        {GOOD: poses(3), "/bus": [point(EPOCH + 2_000_000, 3.5, -1), point(EPOCH + 4_000_000, 4.5, -1)]},
+    )
     times, values = read_bag(bag, inputs={"wind": "/bus:point.x"}).inputs["wind"]
     assert times == pytest.approx([0.002, 0.004]) and values.tolist() == [3.5, 4.5]
     with pytest.raises(InputError, match="/bus:point.w: no number there .* has header, point"):

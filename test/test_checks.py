@@ -20,8 +20,19 @@ from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
 from inductrack_ros.diagnosis.add import add_effect
 from inductrack_ros.diagnosis.diagnose import diagnose
 
-NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4, "surge_rate": 0.01, "sway_rate": 3e-3, "heave_rate": 3e-3, "roll_rate": 0.01}
-NOISE |= dict.fromkeys(("gap_top", "gap_right", "gap_left"), 3e-5) | dict.fromkeys(("surge_acceleration", "sway_acceleration", "heave_acceleration"), 0.05)
+NOISE = {
+    "surge": 5e-4,
+    "sway": 3e-5,
+    "heave": 3e-5,
+    "roll": 1e-4,
+    "surge_rate": 0.01,
+    "sway_rate": 3e-3,
+    "heave_rate": 3e-3,
+    "roll_rate": 0.01,
+}
+NOISE |= dict.fromkeys(("gap_top", "gap_right", "gap_left"), 3e-5) | dict.fromkeys(
+    ("surge_acceleration", "sway_acceleration", "heave_acceleration"), 0.05
+)
 POSE = ("surge", "sway", "heave", "roll")
 PRACTICE = Path(__file__).parent / "data" / "practice"
 
@@ -33,10 +44,18 @@ def measured(channels: tuple[str, ...] = POSE, count: int = 301, step: float = 2
     def start(speed: float, sway: float) -> dict[str, float]:
         return {"surge_rate": speed, "sway": sway, "roll": 3e-3, "heave": model.equilibrium_heave(speed) + 5e-4}
 
-    return flown([(7000.0, start(17.0, 3e-3)), (5000.0, start(22.0, -2e-3)), (3600.0, start(26.0, 2e-3))], channels, count, step, seed)
+    return flown(
+        [(7000.0, start(17.0, 3e-3)), (5000.0, start(22.0, -2e-3)), (3600.0, start(26.0, 2e-3))],
+        channels,
+        count,
+        step,
+        seed,
+    )
 
 
-def flown(starts: list[tuple[float, dict[str, float]]], channels: tuple[str, ...], count: int, step: float, seed: int = 1) -> Campaign:
+def flown(
+    starts: list[tuple[float, dict[str, float]]], channels: tuple[str, ...], count: int, step: float, seed: int = 1
+) -> Campaign:
     """Runs named a, b, … of the package's own model with white noise, each from a drive current and states."""
     model, rng = Model.default(), np.random.default_rng(seed)
     runs, times = [], np.arange(count) * step
@@ -63,7 +82,9 @@ def everything() -> Campaign:
 
 
 def times_of(campaign: Campaign, factor: float) -> Campaign:
-    return replace(campaign, runs=tuple(replace(r, times=factor * r.times, stamps=factor * r.stamps) for r in campaign.runs))
+    return replace(
+        campaign, runs=tuple(replace(r, times=factor * r.times, stamps=factor * r.stamps) for r in campaign.runs)
+    )
 
 
 def changed(campaign: Campaign, channel: str, change, runs: str = "abc") -> Campaign:
@@ -113,7 +134,7 @@ def test_a_kink_is_no_outlier_wherever_it_lies(slopes):
     times = np.arange(13.0) - 6
     for at in np.linspace(-6, 6, 121):
         values = np.where(times < at, slopes[0], slopes[1]) * (times - at)
-        (predicted, _) = predictions(times, values)
+        predicted, _ = predictions(times, values)
         a, b, c = predicted[:, 0]
         agree = min(abs(a - b), abs(a - c), abs(b - c))
         assert abs(values[6] - predicted[:, 0]).min() <= 3.0 * agree + 1e-9
@@ -196,7 +217,10 @@ def test_a_current_in_kiloamperes_is_named(pose, model):
     assert (found.kind, found.channel, found.size["factor"]) == ("unit", "drive_current", 1e3)
 
 
-@pytest.mark.parametrize(("channel", "candidates"), [("sway", {"sway", "roll"}), ("roll", {"sway", "roll"}), ("heave", {"heave"}), ("surge", {"surge"})])
+@pytest.mark.parametrize(
+    ("channel", "candidates"),
+    [("sway", {"sway", "roll"}), ("roll", {"sway", "roll"}), ("heave", {"heave"}), ("surge", {"surge"})],
+)
 def test_a_flipped_axis_is_named_with_its_mirror_twin(channel, candidates, pose, model):
     (found,) = impossible(look(changed(pose, channel, lambda y: -y), model))
     assert found.kind == "axis_flipped"
@@ -205,7 +229,13 @@ def test_a_flipped_axis_is_named_with_its_mirror_twin(channel, candidates, pose,
 
 @pytest.mark.parametrize(
     ("channel", "change", "kind"),
-    [("heave_rate", -1.0, "sign"), ("roll_rate", 180 / np.pi, "unit"), ("surge_rate", 3.6, "unit"), ("sway_rate", 1e3, "unit"), ("surge_acceleration", -1.0, "sign")],
+    [
+        ("heave_rate", -1.0, "sign"),
+        ("roll_rate", 180 / np.pi, "unit"),
+        ("surge_rate", 3.6, "unit"),
+        ("sway_rate", 1e3, "unit"),
+        ("surge_acceleration", -1.0, "sign"),
+    ],
 )
 def test_a_rate_that_is_no_derivative_is_named(channel, change, kind, everything, model):
     found = impossible(look(changed(everything, channel, lambda y: change * y), model))
@@ -224,7 +254,9 @@ def test_swapped_gaps_are_named(everything, model):
     spoiled = everything
     for k, name in enumerate("abc"):
         rows = slice(k * count, (k + 1) * count)
-        spoiled = changed(changed(spoiled, "gap_right", lambda _, r=rows: left[r], name), "gap_left", lambda _, r=rows: right[r], name)
+        spoiled = changed(
+            changed(spoiled, "gap_right", lambda _, r=rows: left[r], name), "gap_left", lambda _, r=rows: right[r], name
+        )
     assert "swapped" in impossible(look(spoiled, model))[0].text
 
 
@@ -234,11 +266,16 @@ def test_channels_that_changed_places_are_named(pair, pose, model):
     i, j = (order.index(c) for c in pair)
     order[i], order[j] = order[j], order[i]
     columns = [POSE.index(c) for c in order]
-    (found,) = impossible(look(replace(pose, runs=tuple(replace(r, values=r.values[:, columns]) for r in pose.runs)), model))
+    (found,) = impossible(
+        look(replace(pose, runs=tuple(replace(r, values=r.values[:, columns]) for r in pose.runs)), model)
+    )
     assert f"{pair[0]} and {pair[1]} are swapped" in found.text
 
 
-@pytest.mark.parametrize(("channel", "factor", "kind"), [("heave", 1e3, "unit"), ("sway", -1.0, "axis_flipped"), ("roll", 180 / np.pi, "unit")])
+@pytest.mark.parametrize(
+    ("channel", "factor", "kind"),
+    [("heave", 1e3, "unit"), ("sway", -1.0, "axis_flipped"), ("roll", 180 / np.pi, "unit")],
+)
 def test_one_run_that_is_written_otherwise_is_named(channel, factor, kind, pose, model):
     (found,) = impossible(look(changed(pose, channel, lambda y: factor * y, "b"), model))
     assert found.kind == kind and found.text.startswith("in b alone of 3 runs ")
@@ -258,11 +295,18 @@ def test_forces_that_no_reading_explains_are_said(pose, model):
 
 @pytest.mark.parametrize(
     ("state", "value", "severity", "hint"),
-    [("surge_rate", 61.2, IMPOSSIBLE, "km/h"), ("sway", 3.0, IMPOSSIBLE, "mm"), ("heave", 5e-3, IMPOSSIBLE, "correct it"), ("surge_rate", 18.5, WARNING, "leave it out")],
+    [
+        ("surge_rate", 61.2, IMPOSSIBLE, "km/h"),
+        ("sway", 3.0, IMPOSSIBLE, "mm"),
+        ("heave", 5e-3, IMPOSSIBLE, "correct it"),
+        ("surge_rate", 18.5, WARNING, "leave it out"),
+    ],
 )
 def test_an_initial_state_is_held_against_the_samples(state, value, severity, hint, pose, model):
     def told(value):
-        return replace(pose, runs=tuple(replace(r, initial_state={state: value} if r.name == "a" else {}) for r in pose.runs))
+        return replace(
+            pose, runs=tuple(replace(r, initial_state={state: value} if r.name == "a" else {}) for r in pose.runs)
+        )
 
     (found,) = [f for f in look(told(value), model) if f.kind == "initial_state"]
     assert (found.severity, found.channel) == (severity, state) and hint in found.remedy
@@ -291,7 +335,11 @@ def test_another_zero_is_told_from_another_unit(pose, model):
 
 
 def test_a_rate_with_another_clock_is_named(everything, model):
-    (found,) = [f for f in look(changed(everything, "roll_rate", lambda y: np.roll(y, 3)), model) if f.kind == "offset" and f.channel == "roll_rate"]
+    (found,) = [
+        f
+        for f in look(changed(everything, "roll_rate", lambda y: np.roll(y, 3)), model)
+        if f.kind == "offset" and f.channel == "roll_rate"
+    ]
     assert found.size["offset"] == pytest.approx(6e-3, abs=1e-3)
 
 
@@ -431,7 +479,9 @@ def test_coarse_readings_raise_the_noise(pose, model):
     assert 3.5e-5 < used.noise_std["heave"] <= 4.2e-5  # 30 µm of noise and 29 µm of rounding
 
 
-@pytest.mark.parametrize(("factor", "severity"), [(1e3, IMPOSSIBLE), (1e-3, IMPOSSIBLE), (3.0, WARNING), (0.4, WARNING)])
+@pytest.mark.parametrize(
+    ("factor", "severity"), [(1e3, IMPOSSIBLE), (1e-3, IMPOSSIBLE), (3.0, WARNING), (0.4, WARNING)]
+)
 def test_noise_that_is_not_as_stated(factor, severity, pose, model):
     stated = replace(pose, noise_std={**pose.noise_std, "sway": factor * NOISE["sway"]})
     (found,) = look(stated, model)
@@ -440,7 +490,7 @@ def test_noise_that_is_not_as_stated(factor, severity, pose, model):
 
 
 def test_a_variance_given_as_standard_deviation_is_named(pose, model):
-    (found, *_) = impossible(look(replace(pose, noise_std={c: NOISE[c] ** 2 for c in POSE}), model))
+    found, *_ = impossible(look(replace(pose, noise_std={c: NOISE[c] ** 2 for c in POSE}), model))
     assert "not its square" in found.remedy
 
 
@@ -503,7 +553,16 @@ def test_a_plant_without_magnets_has_no_room_to_leave():
     model = Model.create({"width_top": 0.0, "width_side": 0.0, "contact_stiffness": 1e3, "nominal_gap": 1.0}, dof=1)
     times = np.arange(60) / 20
     rng = np.random.default_rng(0)
-    run = Run("ball", Path("ball.csv"), ("heave",), times, (45 - 4.905 * times**2 + 0.01 * rng.standard_normal(60))[:, None], times, 0.0, {"surge_rate": 0.0})
+    run = Run(
+        "ball",
+        Path("ball.csv"),
+        ("heave",),
+        times,
+        (45 - 4.905 * times**2 + 0.01 * rng.standard_normal(60))[:, None],
+        times,
+        0.0,
+        {"surge_rate": 0.0},
+    )
     falling = Campaign("balls", Path("balls"), (run,))
     assert impossible(look(falling, model)) == ()
 

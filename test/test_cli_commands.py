@@ -87,12 +87,22 @@ def test_simulate_says_what_happened(tmp_path, capsys):
     landing, why = said("simulate", "--duration", "3")
     run = read_csv(tmp_path / "run.csv")
     slow = run.times[np.flatnonzero(run["surge_rate"] > 0.1)[-1] + 1]
-    assert re.search(rf"flew 1\d\.\d m, touched down at 1\.\d+ s with .* m/s, at rest since {slow:.2f} s after ", landing)
-    thrust, drag = map(float, re.fullmatch(r"It slowed down from the start: (.*) N of thrust against (.*) N of drag\.", why).groups())
+    assert re.search(
+        rf"flew 1\d\.\d m, touched down at 1\.\d+ s with .* m/s, at rest since {slow:.2f} s after ", landing
+    )
+    thrust, drag = map(
+        float, re.fullmatch(r"It slowed down from the start: (.*) N of thrust against (.*) N of drag\.", why).groups()
+    )
     assert 0 < thrust < drag
     assert said("simulate", "--initial", "surge_rate=17")[1].startswith("It sped up")
-    assert "began in contact with the track, at rest since" in said("simulate", "--initial", "surge_rate=2", "--drive-current", "0")[0]
-    assert "began in contact with the track, at rest throughout" in said("simulate", "--initial", "surge_rate=0", "--drive-current", "0")[0]
+    assert (
+        "began in contact with the track, at rest since"
+        in said("simulate", "--initial", "surge_rate=2", "--drive-current", "0")[0]
+    )
+    assert (
+        "began in contact with the track, at rest throughout"
+        in said("simulate", "--initial", "surge_rate=0", "--drive-current", "0")[0]
+    )
 
 
 def test_simulate_takes_model_state_and_current(tmp_path):
@@ -294,7 +304,10 @@ def test_long_work_says_what_it_does_and_what_was_kept(tmp_path):
     pid, terminal = pty.fork()
     if pid == 0:
         os.environ["COLUMNS"] = "100"
-        os.execv(sys.executable, [sys.executable, "-m", "inductrack_ros.cli", "diagnose", str(campaign), "--output", str(tmp_path / "out")])
+        os.execv(
+            sys.executable,
+            [sys.executable, "-m", "inductrack_ros.cli", "diagnose", str(campaign), "--output", str(tmp_path / "out")],
+        )
     said, interrupted = b"", False
     with contextlib.suppress(OSError):  # how Linux says that the other end is closed
         while piece := os.read(terminal, 4096):

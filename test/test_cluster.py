@@ -79,7 +79,11 @@ def test_an_ensemble_with_a_killed_worker(scheduler, tmp_path, monkeypatch, side
     assert (tmp_path / "killed").exists()
     assert np.array_equal(here, there)
     one = model.with_changes({n: v[250] for n, v in parameters.items()}).simulate(TIMES, states[250])
-    assert np.allclose(here[250], one.outputs, rtol=0, atol=1e-9) if side_by_side else np.array_equal(here[250], one.outputs)
+    assert (
+        np.allclose(here[250], one.outputs, rtol=0, atol=1e-9)
+        if side_by_side
+        else np.array_equal(here[250], one.outputs)
+    )
 
 
 def test_a_sweep_under_conditions(scheduler):
@@ -135,5 +139,8 @@ def test_what_is_wrong_is_told(scheduler, monkeypatch):
         with workers("tcp://127.0.0.1:9"):
             pass
     monkeypatch.setattr(workers_module, "_versions", lambda: ("numpy 0.1",))
-    with workers(scheduler) as cluster, pytest.raises(InputError, match="worker on .* numpy 0.1 here, not there; install the same"):
+    with (
+        workers(scheduler) as cluster,
+        pytest.raises(InputError, match="worker on .* numpy 0.1 here, not there; install the same"),
+    ):
         cluster.map(abs, [1])

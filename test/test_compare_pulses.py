@@ -1,4 +1,5 @@
-"""Idea: a run driven by pulses, whose errors grow ten-thousandfold in three seconds, compared with the model that made it."""
+"""Idea: a run driven by pulses, whose errors grow ten-thousandfold in three seconds, compared with the model that made
+it."""
 
 from pathlib import Path
 

@@ -70,7 +70,10 @@ def test_the_page_names_the_regions_and_a_refitted_model(tmp_path):
     assert apart == "these runs cannot tell which), in heave"
     assert set(re.split(", | or ", where)) == {"above 34 m/s", "at a top gap above 6 mm", "beyond 10 m of the track"}
     refitted = replace(made, model=Model.create({"eta": 0.75}, effects={"aerodynamic_drag": {}}))
-    assert model_words(refitted) == "Model: aerodynamic drag added to the paper's model, refitted: eta 0.75 instead of 0.7295."
+    assert (
+        model_words(refitted)
+        == "Model: aerodynamic drag added to the paper's model, refitted: eta 0.75 instead of 0.7295."
+    )
 
 
 def test_a_campaign_with_a_model_of_its_own_is_not_called_refitted(tmp_path):
@@ -81,8 +84,9 @@ def test_a_campaign_with_a_model_of_its_own_is_not_called_refitted(tmp_path):
     campaign = load_campaign(folder)
     result = compare(campaign, campaign.load_model())
     assert model_words(result) == "Model: the campaign's model, no effect added."
-    assert model_words(replace(result, model=Model.create({"mass": 8.5}))) == (
-        "Model: the campaign's model, no effect added, refitted: mass 8.5 instead of 8."
+    assert (
+        model_words(replace(result, model=Model.create({"mass": 8.5})))
+        == "Model: the campaign's model, no effect added, refitted: mass 8.5 instead of 8."
     )
 
 
@@ -91,4 +95,8 @@ def test_pulses_are_not_called_coasting():
 
     run = run_of(*[np.ones(N)] * 3, np.zeros(N, bool), 0).run
     pulsed = replace(run, pulses=Pulses(np.array([0.0, 0.1]), np.array([1, 2]), np.array([7e3, -7e3])))
-    assert run.driven == "coasting" and replace(run, drive_current=7000.0).driven == "7000 A" and pulsed.driven == "2 pulses"
+    assert (
+        run.driven == "coasting"
+        and replace(run, drive_current=7000.0).driven == "7000 A"
+        and pulsed.driven == "2 pulses"
+    )

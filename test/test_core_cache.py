@@ -24,7 +24,8 @@ def test_kernels_nobody_uses_are_dropped(tmp_path):
 
 
 def test_a_kernel_in_use_is_young_and_its_text_as_old_as_it_was(tmp_path, monkeypatch):
-    """numba of Ubuntu 24.04 compiles anew where the file is younger than what it kept: each start took half a minute."""
+    """numba of Ubuntu 24.04 compiles anew where the file is younger than what it kept: each start took half a
+    minute."""
     monkeypatch.setenv("INDUCTRACK_CACHE", str(tmp_path))
     monkeypatch.setattr(kernel, "_warm_up", lambda kernel: None)
     monkeypatch.setattr(compiled, "_modules", {})

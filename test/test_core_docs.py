@@ -15,9 +15,13 @@ PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
 
 def test_the_table_is_what_the_command_prints():
     command = [sys.executable, "-m", "inductrack_ros.core.effects_table"]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT, encoding="utf-8").stdout.strip()
+    printed = subprocess.run(
+        command, capture_output=True, text=True, check=True, cwd=ROOT, encoding="utf-8"
+    ).stdout.strip()
     assert printed == effects_table.text()
-    assert printed in PAGE, "docs/effects.md is out of date: put in what python -m inductrack_ros.core.effects_table prints"
+    assert printed in PAGE, (
+        "docs/effects.md is out of date: put in what python -m inductrack_ros.core.effects_table prints"
+    )
 
 
 def test_every_effect_of_the_catalogue_is_on_the_page():

@@ -26,22 +26,46 @@ WEIGHT = 9.3 * 9.81
 
 #: The contract: names and parameters that outside checks rely on.
 CONTRACT = {
-    "aerodynamic_drag": ["drag_area"], "skin_friction_drag": ["wetted_area"], "aerodynamic_lift": ["lift_area"],
-    "viscous_drag": ["coefficient"], "sliding_friction": ["coefficient"], "heave_damping": ["coefficient"],
-    "sway_damping": ["coefficient"], "roll_damping": ["coefficient"], "coil_current_dynamics": [],
-    "skin_effect": ["corner_frequency"], "track_resistance": ["relative_change"], "track_inductance": ["relative_change"],
-    "magnet_warming": ["rate"], "finite_pulse_width": [], "firing_delay": ["delay"], "drive_back_emf": ["cutoff_speed"],
-    "drive_droop": ["fraction_per_pulse"], "track_slope": ["angle"],
-    "guideway_waviness": ["amplitude", "wavelength", "phase"], "array_asymmetry": ["relative_difference"],
-    "cg_offset": ["offset"], "crosswind": ["force"], "beam_attraction": ["force"],
-    "halbach_fifth_harmonic": ["relative_amplitude"], "sensor_bias": ["bias"], "sensor_scale": ["scale"],
+    "aerodynamic_drag": ["drag_area"],
+    "skin_friction_drag": ["wetted_area"],
+    "aerodynamic_lift": ["lift_area"],
+    "viscous_drag": ["coefficient"],
+    "sliding_friction": ["coefficient"],
+    "heave_damping": ["coefficient"],
+    "sway_damping": ["coefficient"],
+    "roll_damping": ["coefficient"],
+    "coil_current_dynamics": [],
+    "skin_effect": ["corner_frequency"],
+    "track_resistance": ["relative_change"],
+    "track_inductance": ["relative_change"],
+    "magnet_warming": ["rate"],
+    "finite_pulse_width": [],
+    "firing_delay": ["delay"],
+    "drive_back_emf": ["cutoff_speed"],
+    "drive_droop": ["fraction_per_pulse"],
+    "track_slope": ["angle"],
+    "guideway_waviness": ["amplitude", "wavelength", "phase"],
+    "array_asymmetry": ["relative_difference"],
+    "cg_offset": ["offset"],
+    "crosswind": ["force"],
+    "beam_attraction": ["force"],
+    "halbach_fifth_harmonic": ["relative_amplitude"],
+    "sensor_bias": ["bias"],
+    "sensor_scale": ["scale"],
     "sensor_delay": ["delay"],
-    "flexible_mode": ["frequency", "damping_ratio", "mass_ratio"], "dead_coils": ["place", "fraction"],
-    "joint_step": ["height", "place"], "auxiliary_wheels": ["height", "stiffness", "damping", "rolling_resistance"],
-    "bungee_launcher": ["stiffness", "stroke"], "track_temperature": ["coefficient"], "magnet_temperature": ["coefficient"],
-    "sensor_lag": ["time_constant"], "sensor_drift": ["rate"], "sensor_clock": ["rate"], "sensor_saturation": ["limit"],
+    "flexible_mode": ["frequency", "damping_ratio", "mass_ratio"],
+    "dead_coils": ["place", "fraction"],
+    "joint_step": ["height", "place"],
+    "auxiliary_wheels": ["height", "stiffness", "damping", "rolling_resistance"],
+    "bungee_launcher": ["stiffness", "stroke"],
+    "track_temperature": ["coefficient"],
+    "magnet_temperature": ["coefficient"],
+    "sensor_lag": ["time_constant"],
+    "sensor_drift": ["rate"],
+    "sensor_clock": ["rate"],
+    "sensor_saturation": ["limit"],
     "sensor_misalignment": ["angle"],
-}  # fmt: skip
+}
 
 
 def gaps_of(x, height=0.0, height_rate=0.0):
@@ -56,9 +80,19 @@ def gaps_of(x, height=0.0, height_rate=0.0):
 
 
 def reference(
-    x, R=1.5e-3, L=1.8e-6, B0=0.52, widths=(0.12, 0.08, 0.08), thrust_factor=1.0, harmonic=0.0, height=0.0, height_rate=0.0,
-    added=(0.0, 0.0, 0.0, 0.0), friction=0.0, coils=1.0,
-):  # fmt: skip
+    x,
+    R=1.5e-3,
+    L=1.8e-6,
+    B0=0.52,
+    widths=(0.12, 0.08, 0.08),
+    thrust_factor=1.0,
+    harmonic=0.0,
+    height=0.0,
+    height_rate=0.0,
+    added=(0.0, 0.0, 0.0, 0.0),
+    friction=0.0,
+    coils=1.0,
+):
     """Total force (surge, sway, heave) and roll moment at state ``x``, 7000 A, equations (29)–(40)."""
     gap, rate, turn = gaps_of(x, height, height_rate)
     v = max(x[4], 0.0)
@@ -127,7 +161,10 @@ FORMULAS = {
     "heave_damping": ({"coefficient": 7.0}, lambda x, t: {"added": (0, 0, -7.0 * x[6], 0)}),
     "sway_damping": ({"coefficient": 6.0}, lambda x, t: {"added": (0, -6.0 * x[5], 0, 0)}),
     "roll_damping": ({"coefficient": 0.4}, lambda x, t: {"added": (0, 0, 0, -0.4 * x[7])}),
-    "skin_effect": ({"corner_frequency": 400.0}, lambda x, t: {"R": 1.5e-3 * (1 + (K * x[4] / 2 / math.pi / 400.0) ** 2)}),
+    "skin_effect": (
+        {"corner_frequency": 400.0},
+        lambda x, t: {"R": 1.5e-3 * (1 + (K * x[4] / 2 / math.pi / 400.0) ** 2)},
+    ),
     "track_resistance": ({"relative_change": 0.1}, lambda x, t: {"R": 1.5e-3 * 1.1}),
     "track_inductance": ({"relative_change": -0.2}, lambda x, t: {"L": 1.8e-6 * 0.8}),
     "magnet_warming": ({"rate": 0.05}, lambda x, t: {"B0": 0.52 * (1 - 0.05 * t)}),
@@ -135,7 +172,10 @@ FORMULAS = {
     "firing_delay": ({"delay": 4e-4}, lambda x, t: {"thrust_factor": math.cos(K * x[4] * 4e-4)}),
     "drive_back_emf": ({"cutoff_speed": 35.0}, lambda x, t: {"thrust_factor": max(1 - x[4] / 35.0, 0.0)}),
     "drive_droop": ({"fraction_per_pulse": 0.01}, lambda x, t: {"thrust_factor": 0.99 ** (2 * x[0] / 0.1)}),
-    "track_slope": ({"angle": 0.1}, lambda x, t: {"added": (-WEIGHT * math.sin(0.1), 0, WEIGHT - WEIGHT * math.cos(0.1), 0)}),
+    "track_slope": (
+        {"angle": 0.1},
+        lambda x, t: {"added": (-WEIGHT * math.sin(0.1), 0, WEIGHT - WEIGHT * math.cos(0.1), 0)},
+    ),
     "guideway_waviness": (
         {"amplitude": 1e-3, "wavelength": 0.7, "phase": 0.4},
         lambda x, t: {
@@ -147,7 +187,8 @@ FORMULAS = {
     "cg_offset": ({"offset": 0.01}, lambda x, t: {"added": (0, 0, 0, -WEIGHT * 0.01 * math.cos(x[3]))}),
     "crosswind": ({"force": -4.0}, lambda x, t: {"added": (0, -4.0, 0, 0)}),
     "beam_attraction": (
-        {"force": 30.0}, lambda x, t: {"added": (0, 0, -30.0 * math.exp(-2 * K * gaps_of(x)[0][0]), 0)},
+        {"force": 30.0},
+        lambda x, t: {"added": (0, 0, -30.0 * math.exp(-2 * K * gaps_of(x)[0][0]), 0)},
     ),
     "halbach_fifth_harmonic": ({"relative_amplitude": 0.2}, lambda x, t: {"harmonic": 0.2}),
     "dead_coils": ({"place": 8.0, "fraction": 0.4}, lambda x, t: {"coils": alive(x[0])}),
@@ -159,12 +200,16 @@ FORMULAS = {
         },
     ),
     "auxiliary_wheels": (
-        {"height": 4e-3, "stiffness": 2e4, "damping": 300.0, "rolling_resistance": 0.05}, lambda x, t: {"added": wheels(x)},
+        {"height": 4e-3, "stiffness": 2e4, "damping": 300.0, "rolling_resistance": 0.05},
+        lambda x, t: {"added": wheels(x)},
     ),
-    "bungee_launcher": ({"stiffness": 40.0, "stroke": 12.0}, lambda x, t: {"added": (40.0 * max(12.0 - x[0], 0.0), 0, 0, 0)}),
+    "bungee_launcher": (
+        {"stiffness": 40.0, "stroke": 12.0},
+        lambda x, t: {"added": (40.0 * max(12.0 - x[0], 0.0), 0, 0, 0)},
+    ),
     "track_temperature": ({"coefficient": 4e-3}, lambda x, t: {"R": 1.5e-3 * (1 + 4e-3 * 15.0)}),
     "magnet_temperature": ({"coefficient": -1.1e-3}, lambda x, t: {"B0": 0.52 * (1 - 1.1e-3 * 40.0)}),
-}  # fmt: skip
+}
 #: The conditions under which the formulas hold.
 CONDITIONS = {"track_temperature": 35.0, "magnet_temperature": 60.0}
 #: The same of smooth forces in place of what is not known.
@@ -176,9 +221,15 @@ STAND_INS = {
 #: States near the track: in flight, touching, rolling either way (surge, sway, heave, roll, then their rates); not at a
 #: gap of exactly zero, where rounding decides whether a closing contact pushes.
 STATES = st.tuples(
-    st.floats(0, 50) | st.floats(7.6, 8.4), st.floats(-3e-3, 3e-3), st.floats(-0.0101, -0.01001) | st.floats(-0.00999, 4e-3), st.floats(-0.01, 0.01),
-    st.floats(-5, 60), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-2, 2),
-).map(list)  # fmt: skip
+    st.floats(0, 50) | st.floats(7.6, 8.4),
+    st.floats(-3e-3, 3e-3),
+    st.floats(-0.0101, -0.01001) | st.floats(-0.00999, 4e-3),
+    st.floats(-0.01, 0.01),
+    st.floats(-5, 60),
+    st.floats(-0.3, 0.3),
+    st.floats(-0.3, 0.3),
+    st.floats(-2, 2),
+).map(list)
 TIMES = st.floats(0, 5)
 QUICK = settings(max_examples=60, deadline=None, derandomize=True)
 
@@ -218,7 +269,9 @@ def test_formula(name):
     @given(x=STATES, t=TIMES)
     def check(x, t):
         if pulsed:  # between two pulses nothing drives
-            assert pulsed.wrenches(x, t)["total"] == pytest.approx(reference(x, **(formula(x, t) | {"thrust_factor": 0.0})), rel=1e-9, abs=1e-7)
+            assert pulsed.wrenches(x, t)["total"] == pytest.approx(
+                reference(x, **(formula(x, t) | {"thrust_factor": 0.0})), rel=1e-9, abs=1e-7
+            )
         parts = model.wrenches(x, t)
         expected = reference(x, **formula(x, t))
         assert parts["total"] == pytest.approx(expected, rel=1e-9, abs=1e-7)
@@ -250,7 +303,11 @@ def test_droop_counts_from_where_the_run_begins():
 def test_two_effects_add_up_and_compose():
     """Forces add; changes of one quantity compose, whatever the order they are named in."""
     x, t = [3.0, 1e-3, -0.005, 2e-3, 25.0, 0.1, -0.05, 0.3], 2.0
-    both = {"track_resistance": {"relative_change": 0.1}, "skin_effect": {"corner_frequency": 400.0}, "crosswind": {"force": 2.0}}
+    both = {
+        "track_resistance": {"relative_change": 0.1},
+        "skin_effect": {"corner_frequency": 400.0},
+        "crosswind": {"force": 2.0},
+    }
     expected = reference(x, R=1.5e-3 * 1.1 * (1 + (250.0 / 400.0) ** 2), added=(0, 2.0, 0, 0))
     for effects in (both, dict(reversed(both.items()))):
         assert Model.create(effects=effects).wrenches(x, t)["total"] == pytest.approx(expected, rel=1e-9)
@@ -273,7 +330,15 @@ def test_vanishes_at_its_default(name):
 
 # -- energy ---------------------------------------------------------------------------------------------------------
 
-DISSIPATES = ["aerodynamic_drag", "skin_friction_drag", "viscous_drag", "sliding_friction", "heave_damping", "sway_damping", "roll_damping"]
+DISSIPATES = [
+    "aerodynamic_drag",
+    "skin_friction_drag",
+    "viscous_drag",
+    "sliding_friction",
+    "heave_damping",
+    "sway_damping",
+    "roll_damping",
+]
 
 
 @pytest.mark.parametrize("name", DISSIPATES)
@@ -298,7 +363,11 @@ def test_what_dissipates_takes_power(name):
 
 @pytest.mark.parametrize(
     ("name", "parameters"),
-    [("firing_delay", {"delay": 2e-4}), ("drive_back_emf", {"cutoff_speed": 50.0}), ("drive_droop", {"fraction_per_pulse": 0.01})]
+    [
+        ("firing_delay", {"delay": 2e-4}),
+        ("drive_back_emf", {"cutoff_speed": 50.0}),
+        ("drive_droop", {"fraction_per_pulse": 0.01}),
+    ]
     + [("finite_pulse_width", {})],
 )
 def test_what_weakens_the_drive_adds_no_power(name, parameters):
@@ -323,11 +392,14 @@ def test_the_eddy_currents_take_power(x):
 
 
 def test_friction_holds_a_cradle_that_stands():
-    """At a standstill friction is what is needed, no more: the cradle stays on a slight slope, slides on a steep one."""
+    """At a standstill friction is what is needed, no more: the cradle stays on a slight slope, slides on a steep
+    one."""
 
     def slide(angle):
         effects = {"sliding_friction": {"coefficient": 0.2}, "track_slope": {"angle": angle}}
-        run = Model.create(effects=effects).simulate(np.linspace(0, 3, 301), Model.default().initial_state(surge_rate=2.0), 0.0)
+        run = Model.create(effects=effects).simulate(
+            np.linspace(0, 3, 301), Model.default().initial_state(surge_rate=2.0), 0.0
+        )
         return run["surge"][200:], run["surge_rate"][200:], run["surge_acceleration"][200:]
 
     surge, rate, acceleration = slide(0.1)
@@ -342,14 +414,17 @@ def test_friction_holds_a_cradle_that_stands():
 
 def test_a_bungee_gives_what_it_holds():
     """½ k stroke², all of it, and nothing behind its stroke."""
-    model = Model.create({"gamma": 0.0, "peak_field": 0.0}, {"bungee_launcher": {"stiffness": 200.0, "stroke": 2.0}}, dof=["surge"])
+    model = Model.create(
+        {"gamma": 0.0, "peak_field": 0.0}, {"bungee_launcher": {"stiffness": 200.0, "stroke": 2.0}}, dof=["surge"]
+    )
     run = model.simulate(np.linspace(0, 2, 201), np.zeros(8))
     assert 0.5 * 9.3 * run["surge_rate"][-1] ** 2 == pytest.approx(0.5 * 200.0 * 2.0**2, rel=1e-6)
     assert run["surge_acceleration"][-1] == 0.0
 
 
 def test_wheels_give_back_what_their_spring_holds_and_no_more():
-    """A cradle dropped on wheels without damping comes back as high as it was; with damping it comes to rest at k(h − g) = m a_g."""
+    """A cradle dropped on wheels without damping comes back as high as it was; with damping it comes to rest at k(h −
+    g) = m a_g."""
     times = np.linspace(0, 3, 3001)
 
     def drop(damping):
@@ -358,7 +433,9 @@ def test_wheels_give_back_what_their_spring_holds_and_no_more():
         return model.simulate(times, model.initial_state(heave=-0.005))["heave"]
 
     free = drop(0.0)
-    assert free.max() == pytest.approx(-0.005, abs=5e-6)  # 40 bounces, a tenth of a micrometre each where the wheels begin within a step
+    assert free.max() == pytest.approx(
+        -0.005, abs=5e-6
+    )  # 40 bounces, a tenth of a micrometre each where the wheels begin within a step
     assert free[1500:].max() > -0.005 - 1e-5
     damped = drop(400.0)
     assert damped.max() == -0.005
@@ -367,7 +444,10 @@ def test_wheels_give_back_what_their_spring_holds_and_no_more():
 
 def test_wheels_hold_a_cradle_that_stands():
     """Rolling resistance is what is needed, no more, as friction is."""
-    effects = {"auxiliary_wheels": {"height": 3e-3, "stiffness": 1e5, "damping": 400.0, "rolling_resistance": 0.02}, "track_slope": {"angle": 0.01}}
+    effects = {
+        "auxiliary_wheels": {"height": 3e-3, "stiffness": 1e5, "damping": 400.0, "rolling_resistance": 0.02},
+        "track_slope": {"angle": 0.01},
+    }
     model = Model.create(effects=effects)
     run = model.simulate(np.linspace(0, 3, 301), model.initial_state(surge_rate=0.3), 0.0)
     assert run["surge_rate"][-1] == 0.0 and np.ptp(run["surge"][-50:]) == 0.0
@@ -436,7 +516,9 @@ def test_every_cradle_effect_has_a_direction():
 
 
 #: Where the current's two states stand.
-CURRENT = [Model.default().kernel.states.index(f"coil_current_dynamics.current_{part}") for part in ("real", "imaginary")]
+CURRENT = [
+    Model.default().kernel.states.index(f"coil_current_dynamics.current_{part}") for part in ("real", "imaginary")
+]
 
 
 def derivative(model, x):
@@ -514,7 +596,11 @@ def test_sensor_formulas():
 
 def test_a_sensor_effect_leaves_the_cradle_alone():
     """It is the sensor, not the cradle: the run itself is the same to the last bit."""
-    faults = {"sensor_bias:sway": {"bias": 1e-3}, "sensor_scale:heave": {"scale": 1.2}, "sensor_delay:surge": {"delay": 2e-3}}
+    faults = {
+        "sensor_bias:sway": {"bias": 1e-3},
+        "sensor_scale:heave": {"scale": 1.2},
+        "sensor_delay:surge": {"delay": 2e-3},
+    }
     assert np.array_equal(simulate(faults, surge_rate=20.0).outputs, simulate(surge_rate=20.0).outputs)
 
 

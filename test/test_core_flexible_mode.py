@@ -1,8 +1,8 @@
 """The elastic frame: two masses and a spring, written once more with positions of their own.
 
-`flexible_mode` carries how much higher the magnets stand over the body than at rest. Here frame and body are two bodies:
-the frame of mass μm feels all forces of the track and its weight, the body of mass (1 − μ)m the spring. Both must move alike.
-"""
+`flexible_mode` carries how much higher the magnets stand over the body than at rest. Here frame and body are two
+bodies: the frame of mass μm feels all forces of the track and its weight, the body of mass (1 − μ)m the spring. Both
+must move alike."""
 
 import math
 
@@ -20,7 +20,11 @@ TIMES = np.linspace(0.0, 0.6, 121)
 def two_bodies(model, start, times, current):
     """Heights of body and frame (n, 2), from the plain model's forces with the frame where the gaps are."""
     omega = 2 * math.pi * F
-    reduced = MU * (1 - MU) * M  # a frame on a body that moves: f is the frequency of μm on a held body, times 1 − μ the spring's force on the body
+    reduced = (
+        MU * (1 - MU) * M
+        # a frame on a body that moves: f is the frequency of μm on a held body, times 1 − μ the spring's force on the
+        # body.
+    )
 
     def force(body, frame, body_rate, frame_rate, speed, travel):
         x = [travel, 0, frame, 0, speed, 0, frame_rate, 0]
@@ -65,7 +69,9 @@ def test_formula():
     assert dx[6] == pytest.approx(MU * s, rel=1e-12)
     assert dx[i] == rate
     assert dx[j] == pytest.approx(total[2] / (MU * M) - s, rel=1e-12)
-    assert dx[[4, 5, 7]] * [M, M, 0.091] == pytest.approx(total[[0, 1, 3]], rel=1e-12)  # the other coordinates as without it
+    assert dx[[4, 5, 7]] * [M, M, 0.091] == pytest.approx(
+        total[[0, 1, 3]], rel=1e-12
+    )  # the other coordinates as without it
 
 
 def test_starts_at_rest_and_balance_is_where_it_was():
@@ -90,7 +96,10 @@ def test_energy_is_kept_without_damping_and_lost_with_it():
     """In a spring's field (a weak track far below, no travel) body, frame and spring exchange what there is."""
 
     def energies(ratio):
-        effects = {"flexible_mode": {"frequency": F, "damping_ratio": ratio, "mass_ratio": MU}, "auxiliary_wheels": {"height": 0.05, "stiffness": 3e4}}
+        effects = {
+            "flexible_mode": {"frequency": F, "damping_ratio": ratio, "mass_ratio": MU},
+            "auxiliary_wheels": {"height": 0.05, "stiffness": 3e4},
+        }
         model = Model.create({"peak_field": 0.0, "contact_stiffness": 0.0}, effects, dof=["heave"])
         i, j = (model.kernel.states.index(f"flexible_mode.{n}") for n in ("offset", "offset_rate"))
         x, found = model.with_effect_states([0, 0, 0.035, 0, 0, 0, 0, 0]), []
@@ -107,7 +116,10 @@ def test_energy_is_kept_without_damping_and_lost_with_it():
     assert (np.diff(lost) < 1e-7).all() and lost[-1] < lost[0] - 0.01
 
 
-@pytest.mark.parametrize(("frequency", "closest", "farthest"), [(50.0, 1e-6, 1e-3), (500.0, 1e-8, 2e-5), (5000.0, 0.0, 2e-7), (math.inf, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    ("frequency", "closest", "farthest"),
+    [(50.0, 1e-6, 1e-3), (500.0, 1e-8, 2e-5), (5000.0, 0.0, 2e-7), (math.inf, 0.0, 0.0)],
+)
 def test_a_stiff_frame_is_none(frequency, closest, farthest):
     """What it does falls as 1/f², to nothing at an infinite frequency."""
     start = Model.default().initial_state(surge_rate=20.0, sway=1e-3, heave=-0.004)
@@ -126,7 +138,8 @@ def test_steps_follow_a_fast_frame():
 
 
 def test_it_is_driven_by_pulses_too():
-    """A frame shaken by the thrust's own rhythm: normal steps and tiny ones agree, and it moves as by the averaged law."""
+    """A frame shaken by the thrust's own rhythm: normal steps and tiny ones agree, and it moves as by the averaged
+    law."""
     pulsed = Model.create(effects=EFFECT, drive="pulses")
     averaged = Model.create(effects={**EFFECT, "finite_pulse_width": {}})
     start = Model.default().initial_state(surge_rate=16.0, heave=-0.004)
@@ -134,5 +147,10 @@ def test_it_is_driven_by_pulses_too():
     pulses = Pulses(coils * 0.05 / 16.0 - 3e-4, coils, 7000.0 * (1 - 2 * (coils % 2)))
     times = np.linspace(0.0, 0.1, 51)
     normal, fine = (pulsed.simulate(times, start, pulses=pulses, longest_step=h) for h in (1.0, 5e-6))
-    assert np.abs(normal.states[:, 1:4] - fine.states[:, 1:4]).max() < 1e-8 and np.abs(normal["surge"] - fine["surge"]).max() < 1e-6
-    assert np.abs(normal["gap_top"] - averaged.simulate(times, start, 7000.0)["gap_top"]).max() < 5e-5  # fired for a speed that is held
+    assert (
+        np.abs(normal.states[:, 1:4] - fine.states[:, 1:4]).max() < 1e-8
+        and np.abs(normal["surge"] - fine["surge"]).max() < 1e-6
+    )
+    assert (
+        np.abs(normal["gap_top"] - averaged.simulate(times, start, 7000.0)["gap_top"]).max() < 5e-5
+    )  # fired for a speed that is held

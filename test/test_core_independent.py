@@ -1,4 +1,5 @@
-"""The effects of November against a second simulator that shares no line with the package: whole runs, and what sensors read of them."""
+"""The effects of November against a second simulator that shares no line with the package: whole runs, and what sensors
+read of them."""
 
 import numpy as np
 import pytest
@@ -33,14 +34,18 @@ SENSORS = {
 def test_a_run_with_a_plant_effect(name):
     parameters, conditions, start = PLANT[name]
     run = Model.create(effects={name: parameters}, conditions=conditions).simulate(TIMES, start, 4000.0)
-    fields = {f"{name}__{p}": v for p, v in parameters.items()} | {c.replace("temperature", "celsius"): v for c, v in conditions.items()}
+    fields = {f"{name}__{p}": v for p, v in parameters.items()} | {
+        c.replace("temperature", "celsius"): v for c, v in conditions.items()
+    }
     names = [*sim.STATE_CHANNELS, *sim.GAP_CHANNELS, *sim.ACCELERATION_CHANNELS]
     theirs, contact = sim.measure(TIMES, start, 4000.0, sim.rig(**fields), names, far_step=2e-5)
     plain, _ = sim.measure(TIMES, start, 4000.0, sim.rig(), names)
     assert np.isinf(contact)
     assert np.abs(theirs - plain)[:, :4].max() > 1e-5  # it does something
     ours = np.stack([run[n] for n in names], axis=1)
-    surge = 3e-6 if name in ("bungee_launcher", "dead_coils") else 5e-7  # what begins or ends within a step costs a micrometre of travel
+    surge = (
+        3e-6 if name in ("bungee_launcher", "dead_coils") else 5e-7
+    )  # what begins or ends within a step costs a micrometre of travel
     off = np.abs(ours - theirs) / [surge, *[5e-7] * 3, *[1e-5] * 4, *[5e-7] * 3, *[3e-3] * 3]
     assert off.max() < 1, names[int(off.max(axis=0).argmax())]
 

@@ -45,8 +45,14 @@ BROKEN = {
     "unknown effect": ("effects: [viscous_dragg]\n", "unknown effect 'viscous_dragg'; did you mean 'viscous_drag'"),
     "effects a number": ("effects: 3\n", "effects must be a list of names, got 3"),
     "effects of numbers": ("effects: [3]\n", r"effects must be a list of names, got \[3\]"),
-    "effect out of range": ("effects: [viscous_drag]\nviscous_drag: {coefficient: -1.0}\n", r"viscous_drag.coefficient = -1 is out .*\[0, 1000\] N·s/m"),
-    "effect's parameter": ("effects: [viscous_drag]\nviscous_drag: {coeff: 1.0}\n", "has no parameter 'coeff'; did you mean 'coefficient'"),
+    "effect out of range": (
+        "effects: [viscous_drag]\nviscous_drag: {coefficient: -1.0}\n",
+        r"viscous_drag.coefficient = -1 is out .*\[0, 1000\] N·s/m",
+    ),
+    "effect's parameter": (
+        "effects: [viscous_drag]\nviscous_drag: {coeff: 1.0}\n",
+        "has no parameter 'coeff'; did you mean 'coefficient'",
+    ),
     "parameter of an effect that is off": ("viscous_drag: {coeff: 1.0}\n", "has no parameter 'coeff'"),
     "sensor without channel": ("effects: [sensor_delay]\n", "needs a channel, e.g. 'sensor_delay:heave'"),
     "sensor's channel": ("effects: ['sensor_delay:heav']\n", "did you mean 'heave'"),
@@ -65,7 +71,7 @@ BROKEN = {
     "effect file": ("effect_files: [nowhere.py]\n", "nowhere.py: no such file"),
     "effect file's home": ("effect_files: ['~nobody_at_all/x.py']\n", "x.py"),
     "effect file with a null": ('effect_files: ["a\\0b.py"]\n', "cannot be read"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", BROKEN)
@@ -99,8 +105,14 @@ def test_files_that_cannot_be_read(tmp_path):
     [
         "mass: 10\neffects: [viscous_drag]\nviscous_drag: {coefficient: 2.5}\n",
         "mass: 1e1\neffects: viscous_drag\nviscous_drag.coefficient: 25e-1\n",
-        "/**:\n  ros__parameters:\n    mass: 10.0\n    effects: [viscous_drag]\n    viscous_drag:\n      coefficient: 2.5\n",
-        "/inductrack:\n  sim:\n    ros__parameters: {mass: 10.0, effects: ['viscous_drag'], viscous_drag.coefficient: 2.5}\n",
+        (
+            "/**:\n  ros__parameters:\n    mass: 10.0\n    effects: [viscous_drag]\n    viscous_drag:\n     "
+            " coefficient: 2.5\n"
+        ),
+        (
+            "/inductrack:\n  sim:\n    ros__parameters: {mass: 10.0, effects: ['viscous_drag'],"
+            " viscous_drag.coefficient: 2.5}\n"
+        ),
     ],
 )
 def test_the_ways_to_write_a_file(tmp_path, content):
@@ -114,12 +126,18 @@ def single_values(declared):
 
 
 def names_of(item):
-    return st.sampled_from(["heave", "gap_left", "sway_acceleration"]).map(lambda c: f"{item.name}:{c}") if item.of_channel else st.just(item.name)
+    return (
+        st.sampled_from(["heave", "gap_left", "sway_acceleration"]).map(lambda c: f"{item.name}:{c}")
+        if item.of_channel
+        else st.just(item.name)
+    )
 
 
 SIMPLE = [e for e in catalogue().values() if not any(p.count > 1 for p in e.parameters.values())]
 ONE_EFFECT = st.sampled_from(SIMPLE).flatmap(
-    lambda item: st.tuples(names_of(item), st.fixed_dictionaries({}, optional={p: single_values(d) for p, d in item.parameters.items()}))
+    lambda item: st.tuples(
+        names_of(item), st.fixed_dictionaries({}, optional={p: single_values(d) for p, d in item.parameters.items()})
+    )
 )
 MODELS = st.fixed_dictionaries(
     {
@@ -133,9 +151,16 @@ MODELS = st.fixed_dictionaries(
 @settings(QUICK, max_examples=60)
 @given(arguments=MODELS)
 @example({"parameters": {}, "effects": {"drive_back_emf": {}, "skin_effect": {"corner_frequency": math.inf}}, "dof": 4})
-@example({"parameters": {}, "effects": {"sensor_delay:heave": {"delay": 1e-3}, "sensor_bias:gap_left": {"bias": 1e-5}}, "dof": 2})
+@example(
+    {
+        "parameters": {},
+        "effects": {"sensor_delay:heave": {"delay": 1e-3}, "sensor_bias:gap_left": {"bias": 1e-5}},
+        "dof": 2,
+    }
+)
 def test_round_trip(tmp_path, arguments):
-    """save → load gives the same model to the last bit, effects in their order, infinite values and sensors' faults too."""
+    """save → load gives the same model to the last bit, effects in their order, infinite values and sensors' faults
+    too."""
     model = Model.create(**arguments)
     model.save(tmp_path / "saved.yaml", comment="a remark\nof two lines: [")
     loaded = Model.load(tmp_path / "saved.yaml")
@@ -172,7 +197,12 @@ def test_a_state_of_the_wrong_length_is_refused():
     whole = len(model.kernel.states)
     for length in (0, 7, 9, whole + 1):
         x = np.zeros(length)
-        for call in (lambda x: model.simulate([0.0, 1.0], x), lambda x: model.advance(x, 0.0, 1.0), model.quantities, model.wrenches):
+        for call in (
+            lambda x: model.simulate([0.0, 1.0], x),
+            lambda x: model.advance(x, 0.0, 1.0),
+            model.quantities,
+            model.wrenches,
+        ):
             with pytest.raises(InputError, match="a state has 8 entries"):
                 call(x)
     assert model.advance(np.zeros(8), 0.0, 1e-3).shape == (whole,)
@@ -186,7 +216,12 @@ def test_times_must_rise(times):
 
 @pytest.mark.parametrize(
     ("given_state", "message"),
-    [({"surge_rat": 1.0}, "did you mean 'surge_rate'"), ({"heave": np.nan}, "heave = nan"), ({"heave": "low"}, "heave = 'low'"), ({"heave": None}, "None")],
+    [
+        ({"surge_rat": 1.0}, "did you mean 'surge_rate'"),
+        ({"heave": np.nan}, "heave = nan"),
+        ({"heave": "low"}, "heave = 'low'"),
+        ({"heave": None}, "None"),
+    ],
 )
 def test_initial_state(given_state, message):
     with pytest.raises(InputError, match=message):

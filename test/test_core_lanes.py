@@ -69,7 +69,8 @@ def test_every_run_is_that_of_the_scalar_kernel(dof):
 
 
 def test_a_lane_takes_the_smaller_steps_that_the_scalar_kernel_takes():
-    """A field four times as short: the embedded result asks for shorter steps now and then, in some lanes and not in others."""
+    """A field four times as short: the embedded result asks for shorter steps now and then, in some lanes and not in
+    others."""
     model = Model.default().with_changes({"peak_field": 0.8, "gravity": 0.5})
     states, parameters, _ = many_runs.draw(model, 19.0, MANY)
     states[:, 3] = np.linspace(0.0, 0.03, MANY)

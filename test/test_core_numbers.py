@@ -1,4 +1,5 @@
-"""Published numbers: every row of the table the model must reach, and the paper's contradictions where they can be computed.
+"""Published numbers: every row of the table the model must reach, and the paper's contradictions where they can be
+computed.
 
 Idea: a wrong sign, factor or unit anywhere in the equations moves at least one of these. The expected values come
 from the paper or from a simulator that shares no code with this one, never from this package.
@@ -184,7 +185,8 @@ def test_heave_is_damped_once_the_speed_is_free(model):
 
 
 def fired_at_peaks(speed, seconds, late=0.0):
-    """One pulse per half wavelength, its middle ``late`` s behind the field's peak at constant ``speed``; 7000 A, alternating."""
+    """One pulse per half wavelength, its middle ``late`` s behind the field's peak at constant ``speed``; 7000 A,
+    alternating."""
     coils = np.arange(-2, int(seconds * speed / HALF_WAVE) + 2)
     return Pulses(coils * HALF_WAVE / speed - TAU / 2 + late, coils, 7000.0 * (-1.0) ** coils)
 
@@ -231,7 +233,9 @@ def test_a_pulse_in_the_wrong_direction_brakes():
     state = pulsed.initial_state(surge_rate=15.0)
     for coil in (0, 1):
         state[0] = coil * HALF_WAVE
-        push = {i: pulsed.quantities(state, TAU / 2, pulses=Pulses(np.zeros(1), [coil], [i]))["thrust"] for i in (7e3, -7e3)}
+        push = {
+            i: pulsed.quantities(state, TAU / 2, pulses=Pulses(np.zeros(1), [coil], [i]))["thrust"] for i in (7e3, -7e3)
+        }
         assert push[7e3] == -push[-7e3]
         assert push[7e3] * (1 - 2 * coil) > 0  # the current alternates from coil to coil
 

@@ -55,7 +55,8 @@ def between(run, channel, at):
 
 
 def test_what_each_effect_does(run):
-    """measured = true + bias, scale·true, true + rate·t, true clipped to ±limit; sway′ and heave′ as a turned sensor reads them."""
+    """measured = true + bias, scale·true, true + rate·t, true clipped to ±limit; sway′ and heave′ as a turned sensor
+    reads them."""
     t, heave, sway = run.times, run["heave"], run["sway"]
     assert read(run, {"sensor_bias:heave": {"bias": 2e-3}}) == pytest.approx(heave + 2e-3)
     assert read(run, {"sensor_scale:heave": {"scale": 1.2}}) == pytest.approx(1.2 * heave)
@@ -73,7 +74,8 @@ def test_what_each_effect_does(run):
 
 @pytest.mark.parametrize("channel", ["surge", "heave", "sway_rate", "gap_left"])
 def test_when_a_late_sensor_and_a_wrong_clock_look(run, channel):
-    """measured(t) = true(t − δ) and true((1 + ε)t), between irregular samples; before and after the run nobody knows."""
+    """measured(t) = true(t − δ) and true((1 + ε)t), between irregular samples; before and after the run nobody
+    knows."""
     for effects, looks_at in (
         ({f"sensor_delay:{channel}": {"delay": 3.3e-3}}, run.times - 3.3e-3),
         ({f"sensor_clock:{channel}": {"rate": 4e-3}}, 1.004 * run.times),
@@ -128,7 +130,11 @@ def test_every_effect_vanishes(name, run):
 
 
 def test_several_effects_on_a_channel_apply_in_their_order(run):
-    effects = {"sensor_bias:heave": {"bias": 1e-3}, "sensor_lag:heave": {"time_constant": 4e-3}, "sensor_scale:heave": {"scale": 2.0}}
+    effects = {
+        "sensor_bias:heave": {"bias": 1e-3},
+        "sensor_lag:heave": {"time_constant": 4e-3},
+        "sensor_scale:heave": {"scale": 2.0},
+    }
     lagged = read(run, {"sensor_lag:heave": {"time_constant": 4e-3}})
     assert read(run, effects) == pytest.approx(2.0 * (lagged + 1e-3), abs=1e-9)
     assert read(run, dict(reversed(effects.items()))) == pytest.approx(2.0 * lagged + 1e-3, abs=1e-9)
@@ -138,7 +144,9 @@ def test_what_cannot_be_simulated_in_pieces_is_known():
     """A comparison starts windows of a run afresh only where that gives the same readings."""
     pieces = {name: not counts_from_start(Model.create(effects={full(name): values})) for name, values in SIZES.items()}
     assert {n for n, whole in pieces.items() if not whole} == {"sensor_lag", "sensor_drift", "sensor_clock"}
-    assert counts_from_start(Model.create(effects=["magnet_warming"])) and not counts_from_start(Model.create(effects=["viscous_drag"]))
+    assert counts_from_start(Model.create(effects=["magnet_warming"])) and not counts_from_start(
+        Model.create(effects=["viscous_drag"])
+    )
 
 
 # ---- tick by tick --------------------------------------------------------------------------------------------------
@@ -152,7 +160,12 @@ def test_a_node_measures_what_a_whole_run_gives(name):
     run = model.simulate(times, model.initial_state(surge_rate=17.0, sway=1e-3))
     sizes = {**SIZES, "sensor_clock": {"rate": 3e-2}}
     model = Model.create(effects={full(n): v for n, v in sizes.items() if name in (n, "all")})
-    values = {"measured.gap_top.rate": 70.0, "measured.pose.dropout": 0.1, "measured.heave.delay": 2e-3, "measured.sway.bias": 1e-4}
+    values = {
+        "measured.gap_top.rate": 70.0,
+        "measured.pose.dropout": 0.1,
+        "measured.heave.delay": 2e-3,
+        "measured.sway.bias": 1e-4,
+    }
     ticks, whole = Rig(values, model, 3), Rig(values, model, 3)
     samples: dict[str, list] = {s: [] for s in SENSORS}
     for t, row in zip(times, run.outputs, strict=True):
@@ -179,22 +192,57 @@ def test_a_node_forgets_what_no_sensor_looks_at():
 
 # ---- what may be asked for -----------------------------------------------------------------------------------------
 
-HEAD = "from inductrack_ros.core.effects import Parameter, effect\n\nP = {'size': Parameter(0.0, '', -1.0, 1.0, 'size', typical=1e-3)}\n\n\n"
+HEAD = (
+    "from inductrack_ros.core.effects import Parameter, effect\n\nP = {'size': Parameter(0.0, '', -1.0, 1.0, 'size',"
+    " typical=1e-3)}\n\n\n"
+)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("@effect(changes='measured', parameters=P)\ndef crooked(measured, temperatur, size):\n    return measured", "asks for 'temperatur', which a sensor does not know"),
-        ("@effect(changes='sample_time', parameters=P)\ndef crooked(sample_time, heave, size):\n    return sample_time", "asks for 'heave'"),
-        ("@effect(changes='measured', parameters=P, states={'r': 'lift'})\ndef crooked(measured, r, size):\n    return r, size", "starts on 'lift', which is not there"),
-        ("@effect(changes='sample_time', parameters=P, states={'r': 'measured'})\ndef crooked(sample_time, r, size):\n    return r, size", "may carry states"),
-        ("@effect(changes=('measured_sway', 'measured'), parameters=P)\ndef crooked(measured_sway, measured, size):\n    return 1.0, 2.0", "and nothing else"),
-        ("@effect(changes='measured', parameters=P)\ndef crooked(measured, size):\n    return measured, size", "returns 2 values"),
+        (
+            "@effect(changes='measured', parameters=P)\ndef crooked(measured, temperatur, size):\n    return measured",
+            "asks for 'temperatur', which a sensor does not know",
+        ),
+        (
+            (
+                "@effect(changes='sample_time', parameters=P)\ndef crooked(sample_time, heave, size):\n    return"
+                " sample_time"
+            ),
+            "asks for 'heave'",
+        ),
+        (
+            (
+                "@effect(changes='measured', parameters=P, states={'r': 'lift'})\ndef crooked(measured, r, size):\n   "
+                " return r, size"
+            ),
+            "starts on 'lift', which is not there",
+        ),
+        (
+            (
+                "@effect(changes='sample_time', parameters=P, states={'r': 'measured'})\ndef crooked(sample_time, r,"
+                " size):\n    return r, size"
+            ),
+            "may carry states",
+        ),
+        (
+            (
+                "@effect(changes=('measured_sway', 'measured'), parameters=P)\ndef crooked(measured_sway, measured,"
+                " size):\n    return 1.0, 2.0"
+            ),
+            "and nothing else",
+        ),
+        (
+            "@effect(changes='measured', parameters=P)\ndef crooked(measured, size):\n    return measured, size",
+            "returns 2 values",
+        ),
     ],
 )
 def test_what_a_sensor_cannot_do_is_told(tmp_path, run, text, message):
     file = tmp_path / "crooked.py"
     file.write_text(HEAD + text + "\n")
     with pytest.raises(InputError, match=message):
-        Sensors.of(Model.create(effects=["crooked:heave"], effect_files=[file])).read("heave", run.times, run.times, run.outputs[None])
+        Sensors.of(Model.create(effects=["crooked:heave"], effect_files=[file])).read(
+            "heave", run.times, run.times, run.outputs[None]
+        )

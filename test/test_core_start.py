@@ -49,7 +49,16 @@ def test_a_run_without_current_starts_without_thrust(slow):
 def test_simulate_starts_from_the_current_it_is_given(slow, tmp_path):
     slow.save(tmp_path / "model.yaml")
     out = tmp_path / "run.csv"
-    given = ["--model", str(tmp_path / "model.yaml"), "--initial", "surge_rate=22", "--duration", "0.3", "--drive-current", "0"]
+    given = [
+        "--model",
+        str(tmp_path / "model.yaml"),
+        "--initial",
+        "surge_rate=22",
+        "--duration",
+        "0.3",
+        "--drive-current",
+        "0",
+    ]
     assert main(["simulate", *given, "--output", str(out)]) == 0
     with out.open() as stream:
         last = list(csv.DictReader(stream))[-1]
@@ -59,7 +68,9 @@ def test_simulate_starts_from_the_current_it_is_given(slow, tmp_path):
 def test_fits_and_comparisons_start_from_each_runs_current(slow, tmp_path):
     (tmp_path / "coast.csv").write_text("time,surge\n0,0\n0.3,6\n")
     (tmp_path / "drive.csv").write_text("time,surge\n0,0\n0.3,6\n")
-    (tmp_path / "campaign.yaml").write_text("runs: [{file: coast.csv, drive_current: 0.0}, {file: drive.csv, drive_current: 7000.0}]\n")
+    (tmp_path / "campaign.yaml").write_text(
+        "runs: [{file: coast.csv, drive_current: 0.0}, {file: drive.csv, drive_current: 7000.0}]\n"
+    )
     structure = Structure(slow, ())
     problem = Problem(load_campaign(tmp_path), slow, {"surge": 1e-3})
     for i, current in enumerate((0.0, 7000.0)):

@@ -22,7 +22,7 @@ from inductrack_ros.core.model import Model
 ROOT = Path(__file__).parents[1]
 STATE = [2.0, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0]
 
-SOURCE = '''
+SOURCE = """
 import math
 from numba import njit
 from inductrack_ros.core.effects import Parameter, effect
@@ -47,7 +47,7 @@ square = make(2.0)
 @effect(adds="force_heave", parameters={"force": Parameter(0.0, "N", -10.0, 10.0, "size")})
 def bump(surge, force):
     return force * shape(surge) + square(surge) + TABLE[1]
-'''
+"""
 ANSWER = 3.0 * 2.0 * math.sin(2.0) + 4.0 + 10.0
 
 
@@ -89,13 +89,13 @@ def test_the_example(tmp_path):
 
 
 def test_a_user_effect_may_carry_a_state(alone):
-    alone.write_text('''
+    alone.write_text("""
 from inductrack_ros.core.effects import effect
 
 @effect(changes="thrust", states={"lagging": "thrust"})
 def sluggish(thrust, lagging):
     return lagging, (thrust - lagging) / 0.05
-''')
+""")
     model = Model.create(effects=["sluggish"], effect_files=[alone])
     x = model.with_effect_states(model.initial_state(surge_rate=20.0))
     assert len(x) == 9
@@ -105,13 +105,13 @@ def sluggish(thrust, lagging):
 
 def test_a_state_starts_on_anything_or_on_a_number(alone):
     """A quantity that no output shows, a parameter, a state of the cradle, a number."""
-    alone.write_text('''
+    alone.write_text("""
 from inductrack_ros.core.effects import effect
 
 @effect(changes="thrust", states={"a": "omega", "b": "air_density", "c": "heave", "d": -2.5, "e": "zero", "f": "mass"})
 def recalls(thrust, a, b, c, d, e, f):
     return thrust, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-''')
+""")
     model = Model.create({"mass": 7.0}, effects=["recalls"], effect_files=[alone])
     x = model.with_effect_states([1.0, 0.0, -0.004, 0.0, 20.0, 0.0, 0.0, 0.0])
     assert x[8:].tolist() == pytest.approx([2 * math.pi / 0.1 * 20.0, 1.29, -0.004, -2.5, 0.0, 7.0])
@@ -119,13 +119,13 @@ def recalls(thrust, a, b, c, d, e, f):
 
 def test_an_effect_may_add_and_change(alone):
     """One function for both: what it adds comes first, and is added where the forces are summed up."""
-    alone.write_text('''
+    alone.write_text("""
 from inductrack_ros.core.effects import Parameter, effect
 
 @effect(adds=("force_surge", "force_heave"), changes="resistance", parameters={"c": Parameter(0.0, "", 0.0, 10.0, "size")})
 def warm_and_draughty(resistance, surge_rate, c):
     return -c * surge_rate, 2.0 * c, resistance * (1.0 + c)
-''')
+""")  # noqa: E501
     model = Model.create({}, {"warm_and_draughty": {"c": 0.5}}, effect_files=[alone])
     total = model.wrenches(STATE)["total"]
     apart = model.with_changes({"resistance": 1.5 * 1.5e-3}, {}).wrenches(STATE)["total"]
@@ -134,7 +134,7 @@ def warm_and_draughty(resistance, surge_rate, c):
 
 def test_a_second_function_sees_the_sum_of_all_forces(alone):
     """Also what effects behind it in the alphabet add."""
-    alone.write_text('''
+    alone.write_text("""
 from inductrack_ros.core.effects import Part, effect
 
 def half(force_heave, kept):
@@ -147,7 +147,7 @@ def a_frame(gap_top):
 @effect(adds="force_heave")
 def b_push(mass):
     return 10.0 * mass
-''')
+""")
     model = Model.create(effects=["a_frame", "b_push"], effect_files=[alone])
     plain = model.with_changes(effects={}).wrenches(STATE)["total"][2]
     full = model.with_effect_states(STATE)
@@ -158,13 +158,13 @@ def b_push(mass):
 
 def test_the_states_of_effects_are_under_the_error_control(alone):
     """An oscillator of 300 Hz that pushes the cradle: without a bound on the step it is followed to a part in 10⁵."""
-    alone.write_text('''
+    alone.write_text("""
 from inductrack_ros.core.effects import effect
 
 @effect(adds="force_sway", states={"a": 1.0, "b": 0.0})
 def rattle(a, b):
     return 0.0 * a, 1885.0 * b, -1885.0 * a
-''')
+""")
     model = Model.create(effects=["rattle"], effect_files=[alone])
     x = model.advance(model.with_effect_states(model.initial_state(surge_rate=20.0)), 0.0, 0.05)
     assert x[8:] == pytest.approx([math.cos(1885.0 * 0.05), -math.sin(1885.0 * 0.05)], abs=2e-3)
@@ -208,7 +208,7 @@ def test_every_edit_is_another_kernel(alone, old, new):
 
 def test_another_process_takes_the_cache_and_sees_edits(alone):
     """The second process does not compile again what the first left; after an edit it does."""
-    script = f'''
+    script = f"""
 import sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 import test_core_user_effects as t
@@ -216,7 +216,7 @@ from inductrack_ros.core import effects, kernel
 effects._catalogue = dict
 kernel._warm_up = lambda kernel: None
 print(t.bump({str(alone)!r}))
-'''
+"""
 
     def ask():
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
@@ -267,7 +267,9 @@ def test_a_function_of_another_module_counts_too(tmp_path, monkeypatch):
     prints = set()
     for number, (inner, other) in enumerate([("v", "v"), ("2*v", "v"), ("v", "2*v"), ("v", "v")]):
         module = f"inductrack_test_helper_{number}"
-        (tmp_path / f"{module}.py").write_text(f"def inner(v):\n    return {inner}\ndef other(v):\n    return {other}\n")
+        (tmp_path / f"{module}.py").write_text(
+            f"def inner(v):\n    return {inner}\ndef other(v):\n    return {other}\n"
+        )
         scope = {}
         exec(source.format(m=module), scope)
         prints.add(compiled.fingerprint(scope["outer"], set()).replace(module, ""))
@@ -283,20 +285,33 @@ WHEN_LOADED = {
     "ends the program": ("raise SystemExit(3)\n", r"line 3: SystemExit: 3"),
     "many lines": ("raise ValueError('one\\ntwo')\n", r"line 3: ValueError: one$"),
     "no effect": ("def plain(surge):\n    return 1.0\n", "no @effect function"),
-    "catalogue's name": ('@effect(adds="force_surge")\ndef viscous_drag(surge):\n    return 1.0\n', "'viscous_drag' is in the catalogue"),
-    "no such force": ('@effect(adds="force_up")\ndef mine(surge):\n    return 1.0\n', "adds to 'force_up'.*force_heave"),
+    "catalogue's name": (
+        '@effect(adds="force_surge")\ndef viscous_drag(surge):\n    return 1.0\n',
+        "'viscous_drag' is in the catalogue",
+    ),
+    "no such force": (
+        '@effect(adds="force_up")\ndef mine(surge):\n    return 1.0\n',
+        "adds to 'force_up'.*force_heave",
+    ),
     "neither": ("@effect()\ndef mine(surge):\n    return 1.0\n", "say adds=.*changes="),
     "not declared": (
-        '@effect(adds="force_surge", parameters={"c": 1.0})\ndef mine(c):\n    return c\n', r"declare 'c' as Parameter\(",
+        '@effect(adds="force_surge", parameters={"c": 1.0})\ndef mine(c):\n    return c\n',
+        r"declare 'c' as Parameter\(",
     ),
     "not taken": (
         '@effect(adds="force_surge", parameters={"c": Parameter(0, "", 0, 1, "")})\ndef mine(surge):\n    return 1.0\n',
         "declares parameter 'c' but its function does not take it",
     ),
-    "no such option": ('@effect(adds="force_surge", max_steps=1.0)\ndef mine(surge):\n    return 1.0\n', "takes no 'max_steps'; did you mean 'max_step'"),
-    "no start": ('@effect(adds="force_surge", states={"s": None})\ndef mine(s):\n    return 1.0, s\n', "state 's' starts on None; give a number or"),
+    "no such option": (
+        '@effect(adds="force_surge", max_steps=1.0)\ndef mine(surge):\n    return 1.0\n',
+        "takes no 'max_steps'; did you mean 'max_step'",
+    ),
+    "no start": (
+        '@effect(adds="force_surge", states={"s": None})\ndef mine(s):\n    return 1.0, s\n',
+        "state 's' starts on None; give a number or",
+    ),
     "star": ('@effect(adds="force_surge")\ndef mine(*all):\n    return 1.0\n', "'all' is not a plain argument"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", WHEN_LOADED)
@@ -336,35 +351,62 @@ def test_a_catalogue_effect_may_be_imported(tmp_path):
 
 ADDS = '@effect(adds="force_surge")\n'
 WHEN_BUILT = {
-    "unknown quantity": (ADDS + "def mine(surge_rat):\n    return 1.0\n", "asks for 'surge_rat'.*did you mean 'surge_rate'"),
-    "known too late": ('@effect(changes="resistance")\ndef mine(thrust):\n    return thrust\n', "asks for 'thrust'.*not known yet"),
-    "changes nothing known": ('@effect(changes="resistence")\ndef mine(surge):\n    return 1.0\n', "changes 'resistence'.*'resistance'"),
-    "unknown start": (
-        '@effect(changes="thrust", states={"s": "trust"})\ndef mine(s):\n    return s, s\n', "starts on 'trust'.*'thrust'",
+    "unknown quantity": (
+        ADDS + "def mine(surge_rat):\n    return 1.0\n",
+        "asks for 'surge_rat'.*did you mean 'surge_rate'",
     ),
-    "no such name": (ADDS + "def mine(surge):\n    return surge * lenght\n", "cannot be compiled: .*'lenght' is not defined"),
-    "a dictionary": ('T = {"a": 1.0}\n' + ADDS + 'def mine(surge):\n    return surge + T["a"]\n', r"cannot be compiled: .*'T'.*dict.*line 6"),
+    "known too late": (
+        '@effect(changes="resistance")\ndef mine(thrust):\n    return thrust\n',
+        "asks for 'thrust'.*not known yet",
+    ),
+    "changes nothing known": (
+        '@effect(changes="resistence")\ndef mine(surge):\n    return 1.0\n',
+        "changes 'resistence'.*'resistance'",
+    ),
+    "unknown start": (
+        '@effect(changes="thrust", states={"s": "trust"})\ndef mine(s):\n    return s, s\n',
+        "starts on 'trust'.*'thrust'",
+    ),
+    "no such name": (
+        ADDS + "def mine(surge):\n    return surge * lenght\n",
+        "cannot be compiled: .*'lenght' is not defined",
+    ),
+    "a dictionary": (
+        'T = {"a": 1.0}\n' + ADDS + 'def mine(surge):\n    return surge + T["a"]\n',
+        r"cannot be compiled: .*'T'.*dict.*line 6",
+    ),
     "text": (ADDS + 'def mine(surge):\n    return surge + "a"\n', r"cannot be compiled: .*add.*float64.*str.*line 5"),
-    "in a helper": ("def help(z):\n    return nothing(z)\n" + ADDS + "def mine(surge):\n    return help(surge)\n", "cannot be compiled.*nothing"),
+    "in a helper": (
+        "def help(z):\n    return nothing(z)\n" + ADDS + "def mine(surge):\n    return help(surge)\n",
+        "cannot be compiled.*nothing",
+    ),
     "returns nothing": (ADDS + "def mine(surge):\n    surge + 1.0\n", "does not always return a value.*1: force_surge"),
-    "returns sometimes": (ADDS + "def mine(surge):\n    if surge > 1.0:\n        return 1.0\n", "does not always return a value"),
+    "returns sometimes": (
+        ADDS + "def mine(surge):\n    if surge > 1.0:\n        return 1.0\n",
+        "does not always return a value",
+    ),
     "too many": (ADDS + "def mine(surge):\n    return 1.0, 2.0\n", "returns 2 values; it must return 1: force_surge"),
     "too few": (
         '@effect(adds=("force_surge", "force_sway"))\ndef mine(surge):\n    return 1.0\n',
         "returns 1 values?; it must return 2: force_surge, force_sway",
     ),
     "too late": (
-        'def f(thrust):\n    return thrust\n@effect(adds="force_surge", then=Part(f, changes=("thrust",)))\ndef mine(surge):\n    return surge\n',
+        (
+            'def f(thrust):\n    return thrust\n@effect(adds="force_surge", then=Part(f, changes=("thrust",)))\ndef'
+            " mine(surge):\n    return surge\n"
+        ),
         "changes 'thrust' in its second function.*force_surge",
     ),
     "a force at once": (
-        '@effect(changes=("thrust", "force_surge"))\ndef mine(thrust, force_surge):\n    return thrust, force_surge\n', "change the force in a second function",
+        '@effect(changes=("thrust", "force_surge"))\ndef mine(thrust, force_surge):\n    return thrust, force_surge\n',
+        "change the force in a second function",
     ),
     "no rate": (
-        '@effect(changes="thrust", states={"s": "thrust"})\ndef mine(s):\n    return s\n', "must return 2: thrust, rate of s",
+        '@effect(changes="thrust", states={"s": "thrust"})\ndef mine(s):\n    return s\n',
+        "must return 2: thrust, rate of s",
     ),
     "complex": (ADDS + "def mine(surge):\n    return surge * 1j\n", "not real numbers"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", WHEN_BUILT)

@@ -281,12 +281,21 @@ def test_a_bag_of_more_files_than_a_process_may_open(tmp_path):
 GOOD = "/inductrack/pose"
 NAN = float("nan")
 BROKEN = {
-    "no pose": ({"/rig/pose": poses()}, r"no topic /inductrack/pose for pose; set topics: \{pose: /rig/pose\}.*/rig/pose \(geometry"),
+    "no pose": (
+        {"/rig/pose": poses()},
+        r"no topic /inductrack/pose for pose; set topics: \{pose: /rig/pose\}.*/rig/pose \(geometry",
+    ),
     "wrong type": ({GOOD: [twist(EPOCH), twist(EPOCH + 1)]}, "is geometry_msgs/msg/TwistStamped, but pose must be"),
     "no messages": ({GOOD: POSE}, "topic /inductrack/pose: no messages"),
     "one message": ({GOOD: poses(1)}, "only one sample"),
-    "backwards": ({GOOD: [*poses(3), pose(EPOCH - 2 * 10**9)]}, "message 4 is stamped 2.004 s earlier than one before it; one publisher"),
-    "repeated": ({GOOD: [pose(EPOCH), pose(EPOCH, (1, 0, 0, 0))]}, "message 2 repeats the stamp of message 1 with other values"),
+    "backwards": (
+        {GOOD: [*poses(3), pose(EPOCH - 2 * 10**9)]},
+        "message 4 is stamped 2.004 s earlier than one before it; one publisher",
+    ),
+    "repeated": (
+        {GOOD: [pose(EPOCH), pose(EPOCH, (1, 0, 0, 0))]},
+        "message 2 repeats the stamp of message 1 with other values",
+    ),
     "no stamps": ({GOOD: [pose(0), pose(0)]}, "header stamps are 0"),
     "nan": ({GOOD: [pose(EPOCH + i, (NAN, 0, 0, 0)) for i in range(2)]}, "no measurement"),
     "no unit": ({GOOD: [pose(EPOCH), pose(EPOCH + 1, orientation=[0, 0, 0, 1e300])]}, "no unit quaternion"),

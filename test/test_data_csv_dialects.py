@@ -1,4 +1,5 @@
-"""CSV as loggers and spreadsheets write it: read to the same numbers, with a word about what was converted or left out."""
+"""CSV as loggers and spreadsheets write it: read to the same numbers, with a word about what was converted or left
+out."""
 
 import math
 
@@ -27,7 +28,9 @@ def plain(tmp_path):
 SAME = {
     "semicolons": PLAIN.replace(",", ";"),
     "decimal commas": PLAIN.replace(",", ";").replace(".", ","),
-    "decimal commas in quotes": '"time","surge","heave"\n"0","1,5","-0,005"\n"0,1","","-0,004"\n"0,25","2,5e-1","-0,003"\n',
+    "decimal commas in quotes": (
+        '"time","surge","heave"\n"0","1,5","-0,005"\n"0,1","","-0,004"\n"0,25","2,5e-1","-0,003"\n'
+    ),
     "everything quoted": "\n".join(",".join(f'"{c}"' for c in line.split(",")) for line in PLAIN.splitlines()),
     "tabs": PLAIN.replace(",", "\t"),
     "tabs and decimal commas": PLAIN.replace(",", "\t").replace(".", ","),
@@ -79,7 +82,9 @@ CONVERTED = {
 @pytest.mark.parametrize("place", CONVERTED)
 def test_units_are_converted_and_said(tmp_path, plain, place):
     run = read(tmp_path, CONVERTED[place])
-    assert np.allclose(run.values, plain.values, rtol=1e-14, atol=0, equal_nan=True) and np.allclose(run.times, plain.times)
+    assert np.allclose(run.values, plain.values, rtol=1e-14, atol=0, equal_nan=True) and np.allclose(
+        run.times, plain.times
+    )
     assert run.notes[-1].startswith("converted to SI: time from ms, surge from mm, heave from ")
     assert run.seconds_stated
 
@@ -87,26 +92,53 @@ def test_units_are_converted_and_said(tmp_path, plain, place):
 @pytest.mark.parametrize(
     ("unit", "si", "factor"),
     [
-        ("deg", "rad", math.pi / 180), ("°", "rad", math.pi / 180), ("degrees", "rad", math.pi / 180), ("mrad", "rad", 1e-3),
-        ("km/h", "m/s", 1 / 3.6), ("mm/s", "m/s", 1e-3), ("mm_s", "m/s", 1e-3), ("m s^-1", "m/s", 1.0), ("m/min", "m/s", 1 / 60),
-        ("deg/s", "rad/s", math.pi / 180), ("rpm", "rad/s", math.pi / 30),
-        ("m/s2", "m/s²", 1.0), ("m/s^2", "m/s²", 1.0), ("mm/s²", "m/s²", 1e-3), ("m/s**2", "m/s²", 1.0), ("g", "m/s²", 9.80665),
-        ("kA", "A", 1e3), ("Seconds", "s", 1.0), ("us", "s", 1e-6), ("μs", "s", 1e-6), ("MM", "m", 1e-3),
-        ("s", "m", None), ("m/s", "m/s²", None), ("m/s²", "m/s", None), ("parsec", "m", None), ("mm", "rad", None),
+        ("deg", "rad", math.pi / 180),
+        ("°", "rad", math.pi / 180),
+        ("degrees", "rad", math.pi / 180),
+        ("mrad", "rad", 1e-3),
+        ("km/h", "m/s", 1 / 3.6),
+        ("mm/s", "m/s", 1e-3),
+        ("mm_s", "m/s", 1e-3),
+        ("m s^-1", "m/s", 1.0),
+        ("m/min", "m/s", 1 / 60),
+        ("deg/s", "rad/s", math.pi / 180),
+        ("rpm", "rad/s", math.pi / 30),
+        ("m/s2", "m/s²", 1.0),
+        ("m/s^2", "m/s²", 1.0),
+        ("mm/s²", "m/s²", 1e-3),
+        ("m/s**2", "m/s²", 1.0),
+        ("g", "m/s²", 9.80665),
+        ("kA", "A", 1e3),
+        ("Seconds", "s", 1.0),
+        ("us", "s", 1e-6),
+        ("μs", "s", 1e-6),
+        ("MM", "m", 1e-3),
+        ("s", "m", None),
+        ("m/s", "m/s²", None),
+        ("m/s²", "m/s", None),
+        ("parsec", "m", None),
+        ("mm", "rad", None),
     ],
-)  # fmt: skip
+)
 def test_units(unit, si, factor):
     assert units.factor(unit, si) == (None if factor is None else pytest.approx(factor, rel=1e-12))
 
 
 def test_a_unit_of_something_else_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"row 1: column 'heave' is in 's', which is no unit known for it; convert it to m"):
+    with pytest.raises(
+        InputError, match=r"row 1: column 'heave' is in 's', which is no unit known for it; convert it to m"
+    ):
         read(tmp_path, "time,heave [s]\n0,1\n1,2\n")
 
 
 def test_other_columns_are_left_out_with_a_word(tmp_path, plain):
     text = PLAIN.splitlines()
-    run = read(tmp_path, "\n".join(f"{i},{line},{'temperature' if not i else 'warm'}" for i, line in enumerate(text)).replace("0,time", ",time"))
+    run = read(
+        tmp_path,
+        "\n".join(f"{i},{line},{'temperature' if not i else 'warm'}" for i, line in enumerate(text)).replace(
+            "0,time", ",time"
+        ),
+    )
     assert np.array_equal(run.values, plain.values, equal_nan=True)
     assert run.notes == ("columns left out: the nameless one (1), 'temperature'",)
     empty = read(tmp_path, "time,surge,heave\n0,,1\n1,,2\n")
@@ -115,7 +147,9 @@ def test_other_columns_are_left_out_with_a_word(tmp_path, plain):
 
 def test_rows_before_the_header(tmp_path, plain):
     run = read(tmp_path, "My logger 3.1\nDate: 2026-01-01; 10:00\nchannels, 3\n\n" + PLAIN)
-    assert np.array_equal(run.values, plain.values, equal_nan=True) and run.notes == ("3 rows before the header left out",)
+    assert np.array_equal(run.values, plain.values, equal_nan=True) and run.notes == (
+        "3 rows before the header left out",
+    )
 
 
 def test_a_header_that_stands_again_is_left_out(tmp_path, plain):
@@ -148,7 +182,11 @@ def test_a_row_that_was_cut_off_is_left_out(tmp_path):
 
 DATES = {
     "ISO": ["2026-01-01T23:59:59.5", "2026-01-02T00:00:00.0", "2026-01-02T00:00:00.25"],
-    "ISO with a blank and a zone": ["2026-01-01 23:59:59.500000+01:00", "2026-01-02 00:00:00+01:00", "2026-01-02 00:00:00.25+01:00"],
+    "ISO with a blank and a zone": [
+        "2026-01-01 23:59:59.500000+01:00",
+        "2026-01-02 00:00:00+01:00",
+        "2026-01-02 00:00:00.25+01:00",
+    ],
     "Zulu": ["2026-01-01T23:59:59.500Z", "2026-01-02T00:00:00.000Z", "2026-01-02T00:00:00.250Z"],
     "German": ["01.02.2026 10:00:59.5", "01.02.2026 10:01:00", "01.02.2026 10:01:00.25"],
     "time of day": ["10:00:59.500", "10:01:00.000", "10:01:00.250"],
@@ -168,7 +206,10 @@ def test_times_as_dates(tmp_path, kind):
 def test_rows_in_another_order_and_repeated(tmp_path):
     run = read(tmp_path, "time,heave\n0,0\n0.2,2\n0.1,1\n0.1,1\n0.3,3\n")
     assert run["heave"].tolist() == [0, 1, 2, 3]
-    assert run.notes == ("2 rows filed out of order sorted by their stamps", "1 row that repeats another exactly left out")
+    assert run.notes == (
+        "2 rows filed out of order sorted by their stamps",
+        "1 row that repeats another exactly left out",
+    )
 
 
 def test_a_first_time_of_0_is_no_stamp_before_the_clock_ran(tmp_path):
@@ -183,7 +224,9 @@ def test_columns_for_the_model(tmp_path):
     run = read(tmp_path, text, inputs={"wind": "wind speed", "drive_current": "I_bus"})
     assert run.channels == ("heave",) and [list(a) for a in run.inputs["wind"]] == [[0.0], [pytest.approx(10.0)]]
     assert run.inputs["drive_current"][1].tolist() == [5, 6] and run.notes == ("converted to SI: wind from km/h",)
-    with pytest.raises(InputError, match="no column 'I_buss', which inputs: in campaign.yaml asks for; did you mean 'I_bus'"):
+    with pytest.raises(
+        InputError, match="no column 'I_buss', which inputs: in campaign.yaml asks for; did you mean 'I_bus'"
+    ):
         read(tmp_path, text, inputs={"drive_current": "I_buss"})
 
 
@@ -203,14 +246,37 @@ def test_what_is_no_csv_is_named(tmp_path, kind):
         read(tmp_path, content)
 
 
-CELLS = st.sampled_from(["0", "1", "2.5", "-3e-3", "1,5", "", "nan", "x", '"', " ", "1e999", "1_0", "٣", "\t", ";", "#", "12:30", "2026-01-01"])
+CELLS = st.sampled_from(
+    [
+        "0",
+        "1",
+        "2.5",
+        "-3e-3",
+        "1,5",
+        "",
+        "nan",
+        "x",
+        '"',
+        " ",
+        "1e999",
+        "1_0",
+        "٣",
+        "\t",
+        ";",
+        "#",
+        "12:30",
+        "2026-01-01",
+    ]
+)
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     rows=st.lists(st.lists(CELLS, min_size=1, max_size=4), max_size=6),
     separator=st.sampled_from([",", ";", "\t", " ", "|"]),
-    head=st.sampled_from(["time,heave", "time [ms],heave [mm],status", "t;surge_mm", "# time heave", "Time (s)\troll/deg"]),
+    head=st.sampled_from(
+        ["time,heave", "time [ms],heave [mm],status", "t;surge_mm", "# time heave", "Time (s)\troll/deg"]
+    ),
 )
 def test_any_table_is_numbers_or_one_line(tmp_path, rows, separator, head):
     try:

@@ -18,21 +18,27 @@ HUMBLE = get_typestore(Stores.ROS2_HUMBLE)
 
 
 def sqlite_bag(folder, topics, wal_from=None):
-    """The database of Foxy and Humble: no message definitions. Messages from ``wal_from`` on stay in the -wal of a writer that was killed."""
+    """The database of Foxy and Humble: no message definitions. Messages from ``wal_from`` on stay in the -wal of a
+    writer that was killed."""
     folder.mkdir()
     file = folder / "run_0.db3"
     database = sqlite3.connect(file, isolation_level=None)
     if wal_from is not None:
         database.execute("PRAGMA journal_mode=WAL")
         database.execute("PRAGMA wal_autocheckpoint=0")
-    database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT, offered_qos_profiles TEXT)")
+    database.execute(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT,"
+        " offered_qos_profiles TEXT)"
+    )
     database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
     for number, (topic, messages) in enumerate(topics.items(), 1):
         database.execute("INSERT INTO topics VALUES(?, ?, ?, 'cdr', '')", (number, topic, messages[0][0]))
         for i, (_, raw) in enumerate(messages):
             if i == wal_from:
                 database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-            database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)", (number, EPOCH + i, raw))
+            database.execute(
+                "INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)", (number, EPOCH + i, raw)
+            )
     if wal_from is not None:  # as kill -9 leaves it
         for suffix in ("", "-wal"):
             shutil.copy(f"{file}{suffix}", f"{file}{suffix}.kept")
@@ -136,7 +142,9 @@ def test_an_mcap_without_its_end_is_read_as_far_as_it_is_whole(tmp_path):
     run = read_bag(bag)
     n = len(run.times)
     assert 50 < n < 200 and np.array_equal(run.values, everything.values[:n])
-    assert run.notes == (f"bag.mcap is cut off: {n} of 200 messages are whole and read; `mcap recover bag.mcap` mends the file",)
+    assert run.notes == (
+        f"bag.mcap is cut off: {n} of 200 messages are whole and read; `mcap recover bag.mcap` mends the file",
+    )
 
 
 def test_the_names_of_other_tools(tmp_path):
@@ -173,7 +181,10 @@ def test_stamps_before_the_clock_ran(tmp_path):
 
 
 def test_poses_without_numbers_are_not_measured(tmp_path):
-    lost = [pose(EPOCH + 2_000_000, (NAN, NAN, NAN, NAN)), pose(EPOCH + 4_000_000, (0, 0, 0, 0), orientation=[0, 0, 0, 0])]
+    lost = [
+        pose(EPOCH + 2_000_000, (NAN, NAN, NAN, NAN)),
+        pose(EPOCH + 4_000_000, (0, 0, 0, 0), orientation=[0, 0, 0, 0]),
+    ]
     run = read_bag(record(tmp_path / "bag", {GOOD: [pose(EPOCH), *lost, pose(EPOCH + 6_000_000)]}))
     assert run.times == pytest.approx([0, 0.006])
     assert sorted(run.notes) == [

@@ -1,4 +1,5 @@
-"""Idea: a small fixed part of the blind benchmark: campaigns drawn at random and made by a simulator the library does not share."""
+"""Idea: a small fixed part of the blind benchmark: campaigns drawn at random and made by a simulator the library does
+not share."""
 
 import sys
 from pathlib import Path
@@ -16,7 +17,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from blind_diagnosis import run
 
 #: Small campaigns that were right when this was written: they guard against losing ground; the benchmark measures.
-SEEDS = ((2009, None), (3000, "nothing"), *(pytest.param(*s, marks=pytest.mark.nightly) for s in ((2002, None), (2003, None), (3001, "nothing"))))
+SEEDS = (
+    (2009, None),
+    (3000, "nothing"),
+    *(pytest.param(*s, marks=pytest.mark.nightly) for s in ((2002, None), (2003, None), (3001, "nothing"))),
+)
 
 
 @pytest.mark.parametrize(("seed", "kind"), SEEDS)
@@ -27,7 +32,8 @@ def test_blind(seed, kind):
 
 
 def test_sway_and_roll_that_nothing_measures():
-    """Only surge and heave are logged: the fit must find the sway and roll that show in them, or it blames an effect."""
+    """Only surge and heave are logged: the fit must find the sway and roll that show in them, or it blames an
+    effect."""
     row = run(8105, "nothing")
     assert row["right"], row
 
@@ -56,7 +62,10 @@ def test_a_force_of_the_speed_that_looks_straight_at_first():
 
 
 @pytest.mark.nightly
-@pytest.mark.xfail(strict=True, reason="touching runs: the elastic frame and other late candidates stand beside the force of two variables")
+@pytest.mark.xfail(
+    strict=True,
+    reason="touching runs: the elastic frame and other late candidates stand beside the force of two variables",
+)
 def test_a_thrust_that_changes_along_the_track():
     """A force of two variables: where nothing drives it is not there, and it grows with the thrust."""
     row = run(18423, None)
@@ -88,13 +97,15 @@ def test_impacts_in_the_first_moments_of_runs_with_accelerometers(tmp_path):
 
 @pytest.mark.nightly
 def test_what_stands_out_by_a_hair_and_nothing_explains_is_no_verdict():
-    """One of two hundred complete models does so much by chance: nothing is missing, and a note says how much stands out."""
+    """One of two hundred complete models does so much by chance: nothing is missing, and a note says how much stands
+    out."""
     row = run(19057, "nothing")
     assert row["right"], row
 
 
 @pytest.mark.nightly
 def test_a_trapped_run_is_no_missing_effect():
-    """One of fourteen runs misses by 87 µm of its start's height, 80 of its standard deviations; no horizon by itself leads out of there."""
+    """One of fourteen runs misses by 87 µm of its start's height, 80 of its standard deviations; no horizon by itself
+    leads out of there."""
     row = run(18607, None)
     assert row["right"], row

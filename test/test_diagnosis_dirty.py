@@ -1,4 +1,5 @@
-"""Idea: campaigns of an independent simulator as a rig logs them; the physics is named, and what the log does besides is a finding.
+"""Idea: campaigns of an independent simulator as a rig logs them; the physics is named, and what the log does besides
+is a finding.
 
 ``data/practice_dirty`` is made by an independent simulator; what is hidden and what the log does is written here.
 """
@@ -49,4 +50,6 @@ def test_the_physics_is_named_and_the_log_is_told(name):
     assert all(f.text for f in found.findings)
     if name in SIZES:
         kind, figure, size, off = SIZES[name]
-        assert [f.size[figure] for f in found.findings if f.kind == kind] == pytest.approx([size] * len(findings), rel=off)
+        assert [f.size[figure] for f in found.findings if f.kind == kind] == pytest.approx(
+            [size] * len(findings), rel=off
+        )

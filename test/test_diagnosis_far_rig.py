@@ -1,8 +1,8 @@
-"""A rig that is not the paper's: one degree of freedom, a shape factor twenty times smaller, a sensor that reads to 0.1 mm.
+"""A rig that is not the paper's: one degree of freedom, a shape factor twenty times smaller, a sensor that reads to 0.1
+mm.
 
-The data come from a few lines of scipy, apart from the library: a plate over coils whose mean force falls as exp(−z/z0), with a linear
-damping, let go from below its place of rest.
-"""
+The data come from a few lines of scipy, apart from the library: a plate over coils whose mean force falls as
+exp(−z/z0), with a linear damping, let go from below its place of rest."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ NOMINAL_GAP = 10e-3
 def plate(folder, read, noise_std, warming=0.0, curl=0.0):
     """Write the campaign; ``read`` is what the sensor makes of the true height over the nominal gap (m).
 
-    Its force fades by the part ``warming`` within a second, and falls with height as if ``curl`` of it came from something smaller.
-    """
+    Its force fades by the part ``warming`` within a second, and falls with height as if ``curl`` of it came from
+    something smaller."""
 
     def slope(t, y):
         lift = (1 - curl) * np.exp((REST - y[0]) / FALL) + curl * np.exp((REST - y[0]) / (0.5 * FALL))
@@ -31,7 +31,9 @@ def plate(folder, read, noise_std, warming=0.0, curl=0.0):
     height = solve_ivp(slope, (0, 1.7), [3.7e-3, 0.0], t_eval=times, rtol=1e-10, atol=1e-12).y[0]
     rows = zip(times, read(height - NOMINAL_GAP), strict=True)
     (folder / "plate.csv").write_text("time,heave\n" + "".join(f"{t:.3f},{h:.7f}\n" for t, h in rows))
-    (folder / "rig.yaml").write_text(yaml.safe_dump({"wavelength": 4 * np.pi * FALL, "mass": MASS, "width_side": 0.0, "dof": 1}))
+    (folder / "rig.yaml").write_text(
+        yaml.safe_dump({"wavelength": 4 * np.pi * FALL, "mass": MASS, "width_side": 0.0, "dof": 1})
+    )
     run = {"file": "plate.csv", "drive_current": 0.0, "initial_state": {"surge": 0.0, "surge_rate": 20.0}}
     description = {"name": "plate", "dof": 1, "model": "rig.yaml", "free": ["eta"], "runs": [run], **noise_std}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(description))
@@ -59,9 +61,13 @@ def test_noise_is_taken_anew_once_the_misfit_is_gone(tmp_path):
     assert found.noise["heave"] == pytest.approx(3e-5, rel=0.2)
 
 
-@pytest.mark.xfail(strict=True, reason="known effects imitate the rest of a law of lift beyond their range; what is named first is right")
+@pytest.mark.xfail(
+    strict=True,
+    reason="known effects imitate the rest of a law of lift beyond their range; what is named first is right",
+)
 def test_damping_is_found_beside_a_wrong_law_of_lift(tmp_path):
-    """A force in heave on heave is what is wrong; the search finds it, and a harmonic besides that only helps it along."""
+    """A force in heave on heave is what is wrong; the search finds it, and a harmonic besides that only helps it
+    along."""
     campaign = plate(tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}}, curl=0.2)
     found = diagnose(campaign, Model.load(campaign.model))
     assert found.verdict == "unknown_effect" and found.unknown.channel == "heave"
@@ -70,8 +76,13 @@ def test_damping_is_found_beside_a_wrong_law_of_lift(tmp_path):
     assert found.effects == ("heave_damping",)
 
 
-@pytest.mark.xfail(strict=True, reason="a lift that also fades in time: wheels and an elastic frame, far off their usual sizes, are named")
+@pytest.mark.xfail(
+    strict=True,
+    reason="a lift that also fades in time: wheels and an elastic frame, far off their usual sizes, are named",
+)
 def test_damping_is_named_and_something_is_left(tmp_path):
-    campaign = plate(tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}}, warming=0.05, curl=0.3)
+    campaign = plate(
+        tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}}, warming=0.05, curl=0.3
+    )
     found = diagnose(campaign, Model.load(campaign.model))
     assert found.verdict == "unknown_effect" and found.effects[:1] == ("heave_damping",)

@@ -18,7 +18,8 @@ NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4}
 
 
 def simulated(speeds, seconds=0.4, rate=250.0, current=0.0, model=None, seed=0, scale=1.0) -> Campaign:
-    """A small campaign of the library's own model: enough for what is said about data, not for whether a diagnosis is right."""
+    """A small campaign of the library's own model: enough for what is said about data, not for whether a diagnosis is
+    right."""
     model = model or Model.default()
     rng = np.random.default_rng(seed)
     runs = []
@@ -75,7 +76,9 @@ def test_runs_that_disagree_are_named():
     odd = replace(other.runs[0], name="after_the_change")
     found = diagnose(replace(one, runs=(*one.runs, odd)), Model.default())
     assert found.verdict == "adequate"
-    assert [(f.kind, f.run) for f in found.findings if f.kind in ("bad_run", "run_to_run")] == [("bad_run", "after_the_change")]
+    assert [(f.kind, f.run) for f in found.findings if f.kind in ("bad_run", "run_to_run")] == [
+        ("bad_run", "after_the_change")
+    ]
 
 
 def test_no_speed_is_one_line():

@@ -1,5 +1,6 @@
-"""Idea: an unknown force becomes a law. The right form is found for tables of known truth, none is claimed for what is no form of the list,
-the written effect is the law that was fitted, and a campaign of the independent simulator gives back its spring."""
+"""Idea: an unknown force becomes a law. The right form is found for tables of known truth, none is claimed for what is
+no form of the list, the written effect is the law that was fitted, and a campaign of the independent simulator gives
+back its spring."""
 
 import ast
 import importlib.util
@@ -95,7 +96,8 @@ def test_the_misfit_of_the_true_form_is_chi_square():
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda f: f.name)
 def test_the_written_effect_is_the_law(form, tmp_path):
-    """The module that a diagnosis writes, run as plain Python, gives the curve that was fitted, for every variable of the form."""
+    """The module that a diagnosis writes, run as plain Python, gives the curve that was fitted, for every variable of
+    the form."""
     for variable in form.on:
         acts_on = "thrust" if form in forms_on(variable, "thrust") and variable != "drive" else "sway"
         r = Range(0.0, 20.0) if variable in ("surge", "time", "surge_rate", "drive") else Range(-4e-3, 5e-3)
@@ -122,7 +124,10 @@ def test_every_form_is_arithmetic_alone():
 
 
 def test_quantities_read_well():
-    assert quantity(-2.031e8, 4.1e6, "N/m³") == "(−2.031 ± 0.041)·10⁸ N/m³" or quantity(-2.031e8, 4.1e6, "N/m³") == "(−2.03 ± 0.04)·10⁸ N/m³"
+    assert (
+        quantity(-2.031e8, 4.1e6, "N/m³") == "(−2.031 ± 0.041)·10⁸ N/m³"
+        or quantity(-2.031e8, 4.1e6, "N/m³") == "(−2.03 ± 0.04)·10⁸ N/m³"
+    )
     assert quantity(-12.03, 0.11, "N") == "−12.03 ± 0.11 N"
 
 

@@ -25,7 +25,10 @@ def written(folder, limits=""):
     text = limits + "noise_std: {surge: 0.0005, heave: 0.00003}\nruns:\n"
     for i, speed in enumerate((22.0, 26.0)):
         run = model.simulate(times, model.initial_state(surge_rate=speed), 0.0)
-        columns = {"surge": run["surge"] + 5e-4 * noise.standard_normal(101), "heave": run["heave"] + 3e-5 * noise.standard_normal(101)}
+        columns = {
+            "surge": run["surge"] + 5e-4 * noise.standard_normal(101),
+            "heave": run["heave"] + 3e-5 * noise.standard_normal(101),
+        }
         write_csv(folder / f"run_{i}.csv", times, columns)
         text += f"  - {{file: run_{i}.csv, drive_current: 0.0}}\n"
     (folder / "campaign.yaml").write_text(text)
@@ -46,7 +49,10 @@ def question(tmp_path_factory):
     """A problem with the fit of one drag and of another, which the runs cannot tell apart."""
     campaign = load_campaign(written(tmp_path_factory.mktemp("rig"), NARROW))
     problem = Problem(campaign, Model.default(), campaign.noise_std)
-    fits = {n: shooting.fit(problem, Structure(problem.model, ("eta",)).plus(n)) for n in ("aerodynamic_drag", "viscous_drag")}
+    fits = {
+        n: shooting.fit(problem, Structure(problem.model, ("eta",)).plus(n))
+        for n in ("aerodynamic_drag", "viscous_drag")
+    }
     return problem, fits
 
 
@@ -54,13 +60,23 @@ def proposed(question, limits):
     problem, fits = question
     problem = problem.subset([0, 1])
     problem.limits = limits
-    return problem, *experiment.propose(problem, Threads().map, fits["aerodynamic_drag"], {"viscous_drag": fits["viscous_drag"]}, {"aerodynamic_drag": ("viscous_drag",)}, None, ())
+    return problem, *experiment.propose(
+        problem,
+        Threads().map,
+        fits["aerodynamic_drag"],
+        {"viscous_drag": fits["viscous_drag"]},
+        {"aerodynamic_drag": ("viscous_drag",)},
+        None,
+        (),
+    )
 
 
 def test_the_proposed_run_stays_within_them(question, monkeypatch):
     limits = question[0].limits
     monkeypatch.setattr(experiment, "ENOUGH", 1e9)  # the whole menu is tried
-    monkeypatch.setattr(experiment, "_separation", lambda single, start, rival, undetermined: float(len(single.runs[0].y) + start[4]))  # the longest and fastest
+    monkeypatch.setattr(
+        experiment, "_separation", lambda single, start, rival, undetermined: float(len(single.runs[0].y) + start[4])
+    )  # the longest and fastest
     _, _, free = proposed(question, Limits())
     assert not limits.allow("surge_rate", free.speed)
     problem, words, run = proposed(question, limits)
@@ -69,15 +85,23 @@ def test_the_proposed_run_stays_within_them(question, monkeypatch):
     start[2:4] += run.offsets[0], run.offsets[2]
     start[1] += run.offsets[1]
     flown = model.simulate(np.arange(0.0, run.duration, 0.004), start, run.current)
-    assert limits.allow("surge_rate", flown["surge_rate"]) and limits.allow("surge", flown["surge"]) and limits.allow("drive_current", run.current)
+    assert (
+        limits.allow("surge_rate", flown["surge_rate"])
+        and limits.allow("surge", flown["surge"])
+        and limits.allow("drive_current", run.current)
+    )
     assert min(flown[g].min() for g in GAPS) > 0
     assert f"start at {run.speed:g} m/s" in words
 
 
 def test_contact_only_where_it_is_asked_for(question, monkeypatch):
-    monkeypatch.setattr(experiment, "_separation", lambda single, start, rival, undetermined: 1.0 / start[4])  # the slowest: it lands
+    monkeypatch.setattr(
+        experiment, "_separation", lambda single, start, rival, undetermined: 1.0 / start[4]
+    )  # the slowest: it lands
     ranges = {"surge_rate": (0.0, 24.0), "drive_current": (0.0, 1000.0)}
-    monkeypatch.setattr(experiment, "menu", lambda limits, name, usual: (12.0, 24.0) if name == "surge_rate" else (0.0,))
+    monkeypatch.setattr(
+        experiment, "menu", lambda limits, name, usual: (12.0, 24.0) if name == "surge_rate" else (0.0,)
+    )
     monkeypatch.setattr(experiment, "SHORT", ())
     _, words, run = proposed(question, Limits(ranges, False))
     assert run is None and "no run within" in words  # coasting for a second, both land
@@ -93,14 +117,19 @@ def test_where_nothing_within_them_helps_it_is_said(question):
 def test_the_real_separation_chooses_within_them(question):
     limits = question[0].limits
     _, words, run = proposed(question, limits)
-    assert run is not None and limits.allow("surge_rate", run.speed) and limits.allow("drive_current", run.current), words
+    assert run is not None and limits.allow("surge_rate", run.speed) and limits.allow("drive_current", run.current), (
+        words
+    )
 
 
 @pytest.mark.parametrize(
     ("limits", "said"),
     [
         ("limits: {surge_rat: [9, 30]}\n", "line 1: limits: unknown key 'surge_rat'; did you mean 'surge_rate'?"),
-        ("limits: {surge_rate: [30, 9]}\n", r"line 1: limits: surge_rate must be \[least, most\], two numbers that rise"),
+        (
+            "limits: {surge_rate: [30, 9]}\n",
+            r"line 1: limits: surge_rate must be \[least, most\], two numbers that rise",
+        ),
         ("limits: {surge_rate: 30}\n", r"surge_rate must be \[least, most\]"),
         ("limits: {surge_rate: [a, 9]}\n", r"surge_rate must be \[least, most\]"),
         ("limits: {drive_current: [-5, 9]}\n", "drive_current = -5 is out of range"),
@@ -115,5 +144,7 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path, limits, said):
 
 def test_they_are_read(tmp_path):
     campaign = load_campaign(written(tmp_path, NARROW))
-    assert campaign.limits == Limits({"surge_rate": (12.0, 24.0), "drive_current": (0.0, 5000.0), "surge": (0.0, 40.0)}, False)
+    assert campaign.limits == Limits(
+        {"surge_rate": (12.0, 24.0), "drive_current": (0.0, 5000.0), "surge": (0.0, 40.0)}, False
+    )
     assert replace(campaign, name="x").limits == campaign.limits

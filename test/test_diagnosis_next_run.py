@@ -1,4 +1,5 @@
-"""Idea: two effects that the data cannot tell apart; the run that is proposed, made by the independent simulator, settles it."""
+"""Idea: two effects that the data cannot tell apart; the run that is proposed, made by the independent simulator,
+settles it."""
 
 import sys
 from pathlib import Path
@@ -19,9 +20,13 @@ from inductrack_ros.diagnosis.diagnose import diagnose
 
 @pytest.mark.nightly
 def test_the_proposed_run_settles_what_was_open(tmp_path):
-    truth = campaigns.write_campaign(tmp_path / "rig", 7001, names=[("aerodynamic_drag", None)], design="coasting", faint=15, clear=16)
+    truth = campaigns.write_campaign(
+        tmp_path / "rig", 7001, names=[("aerodynamic_drag", None)], design="coasting", faint=15, clear=16
+    )
     before = diagnose(load_campaign(tmp_path / "rig"), Model.default())
-    assert before.effects == ("aerodynamic_drag",) and before.indistinguishable == {"aerodynamic_drag": ("skin_friction_drag",)}
+    assert before.effects == ("aerodynamic_drag",) and before.indistinguishable == {
+        "aerodynamic_drag": ("skin_friction_drag",)
+    }
     run = before.proposal
     assert run is not None and min(run.sigmas.values()) > 8
 
@@ -33,7 +38,9 @@ def test_the_proposed_run_settles_what_was_open(tmp_path):
     plan = truth["plan"]
     times = np.arange(0.0, run.duration, 1 / plan["rate"])
     made = {"times": times, "start": start, "drive_current": run.current}
-    text, _ = campaigns.noisy_csv(np.random.default_rng(1), made, plan, (truth["parameters"]["eta"], truth["parameters"]["gamma"], hidden), ())
+    text, _ = campaigns.noisy_csv(
+        np.random.default_rng(1), made, plan, (truth["parameters"]["eta"], truth["parameters"]["gamma"], hidden), ()
+    )
     (tmp_path / "rig" / "next.csv").write_text(text)
     description = yaml.safe_load((tmp_path / "rig" / "campaign.yaml").read_text())
     description["runs"].append({"file": "next.csv", "drive_current": run.current})
@@ -48,7 +55,9 @@ def test_the_proposed_run_settles_what_was_open(tmp_path):
     assert 0.5 < told / run.sigmas["skin_friction_drag"] < 2
 
     # All that could be is listed, also what promised too little to be refitted.
-    screened = {n for n, e in Model.default().known_effects.items() if e.screened and not e.of_channel and e.only != "pulses"}
+    screened = {
+        n for n, e in Model.default().known_effects.items() if e.screened and not e.of_channel and e.only != "pulses"
+    }
     assert screened - set(hidden_effects.CONDITIONS) <= set(fall)  # no run is on a warmer day than another
     assert {r.name for r in after.rivals if r.chosen} == {"aerodynamic_drag"}
     assert all(r.words.startswith("not refitted") and not r.size for r in after.rivals if not r.refitted)

@@ -1,4 +1,5 @@
-"""Idea: campaigns of an independent simulator with known answers; the verdict, the sizes, and runs the fit never saw."""
+"""Idea: campaigns of an independent simulator with known answers; the verdict, the sizes, and runs the fit never
+saw."""
 
 from pathlib import Path
 
@@ -34,7 +35,9 @@ def unseen_error(name: str, model: Model) -> float:
     return float(np.sqrt(np.nanmean(rest**2)))
 
 
-@pytest.mark.parametrize("name", [n if n == "p1_nothing" else pytest.param(n, marks=pytest.mark.nightly) for n in ANSWERS])
+@pytest.mark.parametrize(
+    "name", [n if n == "p1_nothing" else pytest.param(n, marks=pytest.mark.nightly) for n in ANSWERS]
+)
 def test_practice(name):
     verdict, parameters = ANSWERS[name]
     found = diagnose(load_campaign(PRACTICE / name), Model.default())

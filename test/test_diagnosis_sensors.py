@@ -12,7 +12,10 @@ RUNS = (
     "surge_rate=26,sway=0.002,roll=0.01,drive_current=0",
     "surge_rate=30,sway=0.001,heave=-0.004,drive_current=3500",
 )
-POSE_ALONE = "measured: {twist: {rate: 0.0}, imu: {rate: 0.0}, gap_top: {rate: 0.0}, gap_left: {rate: 0.0}, gap_right: {rate: 0.0}}"
+POSE_ALONE = (
+    "measured: {twist: {rate: 0.0}, imu: {rate: 0.0}, gap_top: {rate: 0.0}, gap_left: {rate: 0.0}, gap_right: {rate:"
+    " 0.0}}"
+)
 
 
 def diagnosed(folder, name="", parameter="", value=0.0):

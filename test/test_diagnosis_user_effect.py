@@ -1,4 +1,5 @@
-"""Idea: the worked example of docs/diagnosis.md. An unknown is found, its effect written in ten lines, and it wins the ranking."""
+"""Idea: the worked example of docs/diagnosis.md. An unknown is found, its effect written in ten lines, and it wins the
+ranking."""
 
 from dataclasses import replace
 from pathlib import Path

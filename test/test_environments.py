@@ -1,4 +1,5 @@
-"""Machines that are not as one's own: no home that can be written, no user, a package that cannot be written, any terminal."""
+"""Machines that are not as one's own: no home that can be written, no user, a package that cannot be written, any
+terminal."""
 
 from __future__ import annotations
 
@@ -35,7 +36,11 @@ def test_a_user_without_home_and_a_package_that_cannot_be_written(tmp_path, home
         (folder / "__pycache__").write_text("")
     Model.default().kernel  # noqa: B018 - compiled, so that it can be copied
     shutil.copytree(cache_folder(), tmp_path / "cache", ignore=shutil.ignore_patterns("numba"))
-    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": str(tmp_path / "site"), "INDUCTRACK_CACHE": str(tmp_path / "cache")}
+    environment = {
+        "PATH": os.environ["PATH"],
+        "PYTHONPATH": str(tmp_path / "site"),
+        "INDUCTRACK_CACHE": str(tmp_path / "cache"),
+    }
     if home:
         environment["HOME"] = home
     done = subprocess.run(

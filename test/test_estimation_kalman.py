@@ -40,7 +40,8 @@ def white_acceleration(power: np.ndarray, T: float) -> np.ndarray:
 
 
 def dense(run: LinearRun, power: np.ndarray):
-    """Covariance (m, m) of the readings, their means' columns (m, c), and of each node: mean (8, c) and covariance with the readings (8, m)."""
+    """Covariance (m, m) of the readings, their means' columns (m, c), and of each node: mean (8, c) and covariance with
+    the readings (8, m)."""
     means, roots = [run.start_mean], [np.hstack([run.start_root, np.zeros((8, 8 * (NODES - 1)))])]
     for k in range(NODES - 1):
         values, vectors = np.linalg.eigh(white_acceleration(power, run.spacing[k]) + np.diag(run.kicks[k]))

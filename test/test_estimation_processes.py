@@ -49,7 +49,9 @@ def test_coloured_noise(clean):
     def coloured(rng, times, values):
         memory = np.zeros(len(times))
         for k in range(1, len(times)):
-            memory[k] = np.exp(-TICK / 0.02) * memory[k - 1] + np.sqrt(-np.expm1(-2 * TICK / 0.02)) * rng.standard_normal()
+            memory[k] = (
+                np.exp(-TICK / 0.02) * memory[k - 1] + np.sqrt(-np.expm1(-2 * TICK / 0.02)) * rng.standard_normal()
+            )
         return values + 2 * NOISE["heave"] * memory[:, None] * [0, 0, 1, 0]
 
     processes = found(spoilt(clean, coloured))
@@ -67,7 +69,9 @@ def test_noise_of_another_size(clean):
 
 
 def test_a_hum_has_its_amplitude(clean):
-    spoiled = spoilt(clean, lambda rng, times, values: values + 3e-4 * np.sin(2 * np.pi * 50 * times + 1)[:, None] * [0, 0, 0, 1])
+    spoiled = spoilt(
+        clean, lambda rng, times, values: values + 3e-4 * np.sin(2 * np.pi * 50 * times + 1)[:, None] * [0, 0, 0, 1]
+    )
     structure = Structure(spoiled.model, ("eta", "gamma"))
     fit = shooting.fit(spoiled, structure, None, 40, (Process(HUM, "roll", 1.0, 0.02),))
     assert fit.processes[0].size == pytest.approx(3.0 / np.sqrt(2), rel=0.5)  # a standard deviation from three runs

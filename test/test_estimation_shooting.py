@@ -39,7 +39,9 @@ def problem(shaking: np.ndarray, seed: int = 0, **changes: float) -> Problem:
     times = np.arange(int(SECONDS / TICK) + 1) * TICK
     runs = []
     for k, (speed, current) in enumerate([(16.0, 7000.0), (22.0, 0.0), (30.0, 7000.0)]):
-        values = flown(rng, speed, current, rigs, shaking)[:, :4] + rng.standard_normal((len(times), 4)) * list(NOISE.values())
+        values = flown(rng, speed, current, rigs, shaking)[:, :4] + rng.standard_normal((len(times), 4)) * list(
+            NOISE.values()
+        )
         runs.append(Run(f"run_{k}", Path(f"run_{k}"), tuple(NOISE), times, values, times, current))
     return Problem(Campaign("rig", Path("rig"), tuple(runs), NOISE), Model.default(), NOISE)
 

@@ -57,7 +57,9 @@ def test_controllers_and_simulators_come_and_go(ros, figure):
     twist = ros.listen(TwistStamped, "/inductrack/twist")
     thrust = ros.listen(WrenchStamped, "/inductrack/wrench/thrust")
     fired = ros.listen(PointStamped, "/inductrack/fired_pulses")
-    sim = ros.start("sim", *SIM, *SLOWLY, "-p", "command_timeout:=0.05", "-p", "publish_clock:=true", "-p", "paused:=true")
+    sim = ros.start(
+        "sim", *SIM, *SLOWLY, "-p", "command_timeout:=0.05", "-p", "publish_clock:=true", "-p", "paused:=true"
+    )
     ros.wait(lambda: "no controller" in status.of("sim").message, "the simulator to miss a controller")
     assert all(m.wrench.force.x == 0.0 for m in thrust) and not fired
 
@@ -73,7 +75,9 @@ def test_controllers_and_simulators_come_and_go(ros, figure):
     assert status.of("sim").level == DiagnosticStatus.WARN
 
     def after() -> list[float]:
-        return [m.wrench.force.x for m in thrust if seconds(m) > seconds(fired[-1]) + PARAMETERS["pulse_length"].default]
+        return [
+            m.wrench.force.x for m in thrust if seconds(m) > seconds(fired[-1]) + PARAMETERS["pulse_length"].default
+        ]
 
     ros.wait(after, "what the simulator says of the thrust")
     assert not any(after())
@@ -90,7 +94,10 @@ def test_controllers_and_simulators_come_and_go(ros, figure):
 
     # Another controller and another simulator, as anybody's publishers, are said to be there.
     begun = time.monotonic()
-    others = ros.publisher(PointStamped, "/inductrack/drive_pulses"), ros.node.create_publisher(PoseStamped, "/inductrack/pose", 1)
+    others = (
+        ros.publisher(PointStamped, "/inductrack/drive_pulses"),
+        ros.node.create_publisher(PoseStamped, "/inductrack/pose", 1),
+    )
     sim.wait_for("two simulators on one domain?")
     figure("two simulators on one domain: said after", f"{time.monotonic() - begun:.1f} s")
     sim.wait_for("nodes publish drive_pulses")
@@ -166,9 +173,19 @@ def test_wild_pulses_a_flood_and_wild_parameters_do_no_harm(ros, figure):
         for value in (math.nan, -math.inf, declared.low, declared.high):
             asked += 1
             result = ros.set_parameter("/inductrack/sim", name, value)
-            assert result.successful or name in result.reason or "out of bounds" in result.reason or "bounds" in result.reason
+            assert (
+                result.successful
+                or name in result.reason
+                or "out of bounds" in result.reason
+                or "bounds" in result.reason
+            )
             assert result.successful is False or declared.low <= value <= declared.high
-    for name, value in (("speed_factor", math.nan), ("measured.heave.noise", math.nan), ("mass", "heavy"), ("mass", [1.0])):
+    for name, value in (
+        ("speed_factor", math.nan),
+        ("measured.heave.noise", math.nan),
+        ("mass", "heavy"),
+        ("mass", [1.0]),
+    ):
         assert not ros.set_parameter("/inductrack/sim", name, value).successful
     figure("parameters set at run time to NaN, infinity and the ends of their ranges", asked)
     ros.call(Trigger, "/inductrack/sim/reset")

@@ -1,4 +1,5 @@
-"""The disk is full, as the kernel's limit on the size of files stands in for: what was there stays whole and readable."""
+"""The disk is full, as the kernel's limit on the size of files stands in for: what was there stays whole and
+readable."""
 
 from __future__ import annotations
 

@@ -34,7 +34,10 @@ def folder(tmp_path: Path) -> Path:
 NODE_INPUTS = {
     "no such file": (["--params-file", "nowhere.yaml"], "nowhere.yaml: no such file"),
     "broken YAML": (["--params-file", "broken.yaml"], "broken.yaml, line 2: not valid YAML"),
-    "mixed list": (["--params-file", "mixed.yaml"], "mixed.yaml: eta = [1, 'a']: all entries of a list must be of one kind"),
+    "mixed list": (
+        ["--params-file", "mixed.yaml"],
+        "mixed.yaml: eta = [1, 'a']: all entries of a list must be of one kind",
+    ),
     "no value": (["-p", "eta"], "Couldn't parse parameter override rule: '-p eta'"),
     "no such option": (["--frobnicate"], "--frobnicate"),
     "out of range": (["-p", "mass:=-1.0"], "sim: mass = -1 is out of range; it must lie in [0.001, 100000] kg"),
@@ -63,10 +66,13 @@ CLI_INPUTS = {
         ["compare", "rig", "--model", "pulses.yaml"],
         "run_0.csv: driven at 7000 A, but it holds no drive pulses and the model has drive: pulses",
     ),
-    "blocks of other nodes": (["compare", "rig", "--model", "others.yaml"], "nothing in it is for /inductrack/sim; its blocks are for /a, /b"),
+    "blocks of other nodes": (
+        ["compare", "rig", "--model", "others.yaml"],
+        "nothing in it is for /inductrack/sim; its blocks are for /a, /b",
+    ),
     "a device": (["compare", "rig", "--model", "/dev/zero"], "/dev/zero: cannot be read: not a regular file"),
     "broken YAML": (["simulate", "--model", "broken.yaml"], "broken.yaml, line 2: not valid YAML"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", CLI_INPUTS)
@@ -94,7 +100,9 @@ def test_a_campaign_runs_no_code(folder):
     with (rig / "campaign.yaml").open("a") as file:
         file.write("model: evil.yaml\n")
     campaign = load_campaign(rig)
-    with pytest.raises(InputError, match=r"evil.yaml: names the effect file .*evil.py, which is Python code.*--effects"):
+    with pytest.raises(
+        InputError, match=r"evil.yaml: names the effect file .*evil.py, which is Python code.*--effects"
+    ):
         campaign.load_model()
     with pytest.raises(InputError, match="evil.py"):
         campaign.load_model(effect_files=[folder / "other.py"])
@@ -138,7 +146,11 @@ def test_nodes_stay_on_the_machine_unless_asked(ros, monkeypatch):
         monkeypatch.delenv(name, raising=False)
     domain.stay_local()
     assert "ROS stays on this machine" in domain.reach()
-    for name, value in ((domain.RANGE, "SUBNET"), ("ROS_STATIC_PEERS", "10.0.0.2"), ("CYCLONEDDS_URI", "file:///x.xml")):
+    for name, value in (
+        (domain.RANGE, "SUBNET"),
+        ("ROS_STATIC_PEERS", "10.0.0.2"),
+        ("CYCLONEDDS_URI", "file:///x.xml"),
+    ):
         with monkeypatch.context() as asked:
             asked.delenv(domain.RANGE, raising=False)
             asked.setenv(name, value)

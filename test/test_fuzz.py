@@ -1,4 +1,5 @@
-"""Whatever stands in a file or a message, the answer is a result or one line; never a traceback, a hang, a NaN sent out.
+"""Whatever stands in a file or a message, the answer is a result or one line; never a traceback, a hang, a NaN sent
+out.
 
 In the tests some 700 inputs; `make fuzz`, nightly, more than ten thousand.
 """
@@ -80,18 +81,52 @@ def one_line_or_a_result() -> Iterator[None]:
 ANY_TEXT = st.text(st.characters(codec="utf-8"), max_size=60) | st.text("{}[]:,-?&*!|>'\"#%@` \n\tab1.e", max_size=40)
 ANY_BYTES = st.binary(max_size=100) | ANY_TEXT.map(str.encode)
 WORDS = st.sampled_from(
-    [*PARAMETERS, "dof", "drive", "effects", "effect_files", "ros__parameters", "/**", "/**/sim", "sim", "track_controller",
-     "rate", "measured", "viscous_drag", "sensor_delay:heave", "viscous_drag.coefficient", "coefficient", "", ".", "..",
-     "a.b.c", "stand_in_heave.values"]
-)  # fmt: skip
-SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.dates() | st.binary(max_size=3) | WORDS | st.text(max_size=5)
+    [
+        *PARAMETERS,
+        "dof",
+        "drive",
+        "effects",
+        "effect_files",
+        "ros__parameters",
+        "/**",
+        "/**/sim",
+        "sim",
+        "track_controller",
+        "rate",
+        "measured",
+        "viscous_drag",
+        "sensor_delay:heave",
+        "viscous_drag.coefficient",
+        "coefficient",
+        "",
+        ".",
+        "..",
+        "a.b.c",
+        "stand_in_heave.values",
+    ]
+)
+SCALARS = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.dates()
+    | st.binary(max_size=3)
+    | WORDS
+    | st.text(max_size=5)
+)
 TREES = st.recursive(
     SCALARS, lambda x: st.lists(x, max_size=3) | st.dictionaries(WORDS | SCALARS, x, max_size=4), max_leaves=12
 )
 
 
 @fuzz(120)
-@given(content=(st.dictionaries(WORDS, TREES, max_size=4) | TREES).map(lambda t: yaml.safe_dump(t, allow_unicode=True).encode()) | ANY_BYTES)
+@given(
+    content=(st.dictionaries(WORDS, TREES, max_size=4) | TREES).map(
+        lambda t: yaml.safe_dump(t, allow_unicode=True).encode()
+    )
+    | ANY_BYTES
+)
 @example(b"!!timestamp x")
 @example(b"!!int x")
 @example(b"!!float x")
@@ -141,19 +176,63 @@ CAMPAIGNS = st.fixed_dictionaries(
         "model": st.sampled_from(["model.yaml", "bag", "/dev/zero"]) | SCALARS,
         "free": st.lists(WORDS | SCALARS, max_size=2) | SCALARS,
         "dof": st.integers(0, 5) | st.lists(st.sampled_from(COORDINATES) | SCALARS, max_size=3) | SCALARS,
-        "inputs": st.dictionaries(WORDS, st.sampled_from(["heave", "/inductrack/pose:pose.position.x", ":", "/:a.b"]) | SCALARS, max_size=2) | SCALARS,
+        "inputs": (
+            st.dictionaries(
+                WORDS,
+                st.sampled_from(["heave", "/inductrack/pose:pose.position.x", ":", "/:a.b"]) | SCALARS,
+                max_size=2,
+            )
+            | SCALARS
+        ),
         "noise_std": st.dictionaries(st.sampled_from(CHANNELS), SCALARS, max_size=2) | SCALARS,
         "topics": st.dictionaries(st.sampled_from(["pose", "twist", "pulses"]), SCALARS, max_size=2) | SCALARS,
     },
 ).map(lambda tree: yaml.safe_dump(tree, allow_unicode=True).encode())
-ALMOST_YAML = st.lists(
-    st.sampled_from(["name", "runs", "file", "run.csv", "heave", ":", ": ", "- ", "\n", "\n  ", "{", "}", "[", "]", ", ",
-                     "&a ", "*a", "<<", "!!", "?", "|", "0", "1.5", "\t", "%"]), max_size=30
-).map("".join).map(str.encode)  # fmt: skip
+ALMOST_YAML = (
+    st.lists(
+        st.sampled_from(
+            [
+                "name",
+                "runs",
+                "file",
+                "run.csv",
+                "heave",
+                ":",
+                ": ",
+                "- ",
+                "\n",
+                "\n  ",
+                "{",
+                "}",
+                "[",
+                "]",
+                ", ",
+                "&a ",
+                "*a",
+                "<<",
+                "!!",
+                "?",
+                "|",
+                "0",
+                "1.5",
+                "\t",
+                "%",
+            ]
+        ),
+        max_size=30,
+    )
+    .map("".join)
+    .map(str.encode)
+)
 
 
 @fuzz(120)
-@given(content=CAMPAIGNS | ALMOST_YAML | ALMOST_YAML.map(lambda t: b"runs: [{file: run.csv, drive_current: 0}]\n" + t) | ANY_BYTES)
+@given(
+    content=CAMPAIGNS
+    | ALMOST_YAML
+    | ALMOST_YAML.map(lambda t: b"runs: [{file: run.csv, drive_current: 0}]\n" + t)
+    | ANY_BYTES
+)
 def test_a_campaign(rig, content):
     (rig / "campaign.yaml").write_bytes(content)
     with one_line_or_a_result():
@@ -161,23 +240,67 @@ def test_a_campaign(rig, content):
         assert campaign.runs and isinstance(campaign.load_model(), Model)
 
 
-CELLS = st.sampled_from(["0", "1", "2.5", "-3e-3", "", "nan", "inf", "x", '"', " ", "1e999", "1_0", "٣", "\0", "\t", ";"])
+CELLS = st.sampled_from(
+    ["0", "1", "2.5", "-3e-3", "", "nan", "inf", "x", '"', " ", "1e999", "1_0", "٣", "\0", "\t", ";"]
+)
 ROWS = st.lists(st.lists(CELLS, max_size=4).map(",".join), max_size=6)
 HEADERS = st.lists(st.sampled_from(["time", "heave", "surge", "heve", ""]), max_size=4).map(",".join)
 TABLES = st.builds(lambda head, body, end: end.join([head, *body]).encode(), HEADERS, ROWS, st.sampled_from("\n\r\v"))
 
 
-NAMES = ["time", "Time (ms)", "t [us]", "time_ns", "timestamp", "heave", "heave [mm]", "roll/deg", "surge_rate (km/h)", "surge", "heve", "temperature",
-         "heave [parsec]", "", "#time", "sep=;"]  # fmt: skip
-DIALECT_CELLS = CELLS | st.sampled_from(["1,5", "-0,004", "1.5e-3", "1700000000000000000", "-9999", "2026-01-01T10:00:00.5Z", "2026-13-45", "12:30:01", "99:99",
-                                         "01.02.2026 10:00", "NaT", "°", "mm", "[s]", "=1/0", "TRUE", "0x1F", "1e400", "-", "#N/A"])  # fmt: skip
+NAMES = [
+    "time",
+    "Time (ms)",
+    "t [us]",
+    "time_ns",
+    "timestamp",
+    "heave",
+    "heave [mm]",
+    "roll/deg",
+    "surge_rate (km/h)",
+    "surge",
+    "heve",
+    "temperature",
+    "heave [parsec]",
+    "",
+    "#time",
+    "sep=;",
+]
+DIALECT_CELLS = CELLS | st.sampled_from(
+    [
+        "1,5",
+        "-0,004",
+        "1.5e-3",
+        "1700000000000000000",
+        "-9999",
+        "2026-01-01T10:00:00.5Z",
+        "2026-13-45",
+        "12:30:01",
+        "99:99",
+        # Fmt: skip.
+        "01.02.2026 10:00",
+        "NaT",
+        "°",
+        "mm",
+        "[s]",
+        "=1/0",
+        "TRUE",
+        "0x1F",
+        "1e400",
+        "-",
+        "#N/A",
+    ]
+)
 ENCODINGS = st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32", "latin-1", "cp1252", "shift-jis"])
 
 
 @st.composite
 def dialects(draw) -> bytes:
     """A table as a logger may write it: mostly a good one, with a few cells, rows and lines that are odd."""
-    separator, end = draw(st.sampled_from([",", ";", "\t", "|", " ", ", "])), draw(st.sampled_from(["\n", "\r\n", "\r"]))
+    separator, end = (
+        draw(st.sampled_from([",", ";", "\t", "|", " ", ", "])),
+        draw(st.sampled_from(["\n", "\r\n", "\r"])),
+    )
     header = draw(st.lists(st.sampled_from(NAMES), min_size=1, max_size=5))
     step = draw(st.sampled_from([0.004, 1e-3, 4.0, 4e6, 0.0, -1.0, 1e300]))
     rows = [[repr(i * step)] + [repr(0.1 * i)] * (len(header) - 1) for i in range(draw(st.integers(0, 30)))]
@@ -187,7 +310,12 @@ def dialects(draw) -> bytes:
             row[draw(st.integers(0, len(row) - 1))] = draw(DIALECT_CELLS)
     lines = [separator.join(header), *map(separator.join, rows)]
     for _ in range(draw(st.integers(0, 3))):
-        lines.insert(draw(st.integers(0, len(lines))), draw(st.sampled_from(["# note", "% x", "sep=;", "", separator, "s;m;m", "[ms],[mm]", '"', "end", "Logger 3"])))
+        lines.insert(
+            draw(st.integers(0, len(lines))),
+            draw(
+                st.sampled_from(["# note", "% x", "sep=;", "", separator, "s;m;m", "[ms],[mm]", '"', "end", "Logger 3"])
+            ),
+        )
     text = end.join(lines) + draw(st.sampled_from(["", end, separator]))
     if draw(st.booleans()):
         text = text.replace(".", ",")
@@ -236,9 +364,13 @@ def _run_command(command: str, folder: Path, times: np.ndarray) -> tuple[int, st
     """Exit status, what standard error says, and the memory (bytes) that it took at its height."""
     rig = folder / "rig"
     rig.mkdir(parents=True, exist_ok=True)
-    rows = "".join(f"{t!r},{surge!r},{heave!r}\n" for t, surge, heave in zip(times.tolist(), *_good_run().tolist(), strict=True))
+    rows = "".join(
+        f"{t!r},{surge!r},{heave!r}\n" for t, surge, heave in zip(times.tolist(), *_good_run().tolist(), strict=True)
+    )
     (rig / "run.csv").write_text("time,surge,heave\n" + rows)
-    (rig / "campaign.yaml").write_text("noise_std: {surge: 1e-4, heave: 1e-4}\nruns: [{file: run.csv, drive_current: 0}]\n")
+    (rig / "campaign.yaml").write_text(
+        "noise_std: {surge: 1e-4, heave: 1e-4}\nruns: [{file: run.csv, drive_current: 0}]\n"
+    )
     gc.collect()
     Path("/proc/self/clear_refs").write_text("5")  # forget the height so far
     before = _resident("VmRSS")
@@ -269,7 +401,8 @@ def sound(run) -> None:
 @fuzz(80)
 @given(data=st.data())
 def test_a_bag(rig, tmp_path, data):
-    """Bytes of any kind; a whole bag that is cut, packed, or has some bytes changed; one whose metadata are anything."""
+    """Bytes of any kind; a whole bag that is cut, packed, or has some bytes changed; one whose metadata are
+    anything."""
     whole = data.draw(st.sampled_from([rig / "bag" / "bag.mcap", rig / "old.db3"])).read_bytes()
     kind = data.draw(st.sampled_from(["bytes", "changed", "cut", "packed", "beside", "metadata"]))
     target = tmp_path / data.draw(st.sampled_from(["bag", "run #3", "50%20V", "a?b"]))
@@ -290,7 +423,9 @@ def test_a_bag(rig, tmp_path, data):
         target.write_bytes(whole[: data.draw(st.integers(0, len(whole)))])
     elif kind == "packed":
         target.mkdir()
-        (target / f"run_0{suffix}.zstd").write_bytes(zstd.compress(whole)[: data.draw(st.sampled_from([None, None, -1, -50]))])
+        (target / f"run_0{suffix}.zstd").write_bytes(
+            zstd.compress(whole)[: data.draw(st.sampled_from([None, None, -1, -50]))]
+        )
     elif kind == "beside":  # what a killed recorder leaves beside its database may be anything
         target.mkdir()
         (target / f"run_0{suffix}").write_bytes(whole)
@@ -308,8 +443,12 @@ def test_a_bag(rig, tmp_path, data):
 
 
 @fuzz(40)
-@given(text=st.text(string.printable, max_size=30) | st.dictionaries(st.sampled_from(STATES), st.floats(), max_size=3).map(
-    lambda given: ",".join(f"{n}={v}" for n, v in given.items())))  # fmt: skip
+@given(
+    text=st.text(string.printable, max_size=30)
+    | st.dictionaries(st.sampled_from(STATES), st.floats(), max_size=3).map(
+        lambda given: ",".join(f"{n}={v}" for n, v in given.items())
+    )
+)
 def test_an_initial_state(text):
     with one_line_or_a_result():
         assert np.isfinite(Model.default().initial_state(**parse_initial_state(text))[:8]).all()
@@ -370,7 +509,11 @@ def controller(nodes) -> tuple[TrackController, list]:
 
 ANY_FLOAT = st.floats() | st.sampled_from([0.0, -1.0, 1e308, -1e308, 5e-324, math.nan, math.inf])
 STAMPS = st.builds(lambda s, n: s * 10**9 + n, st.integers(-(2**31), 2**31 - 1), st.integers(0, 10**9 - 1))
-PULSES = st.tuples(STAMPS | st.integers(-(10**9), 2 * 10**9), st.integers(0, 50).map(float) | ANY_FLOAT, st.floats(-2e4, 2e4) | ANY_FLOAT)
+PULSES = st.tuples(
+    STAMPS | st.integers(-(10**9), 2 * 10**9),
+    st.integers(0, 50).map(float) | ANY_FLOAT,
+    st.floats(-2e4, 2e4) | ANY_FLOAT,
+)
 STEPS = st.one_of(
     PULSES,
     st.integers(1, 20),  # ticks
@@ -412,10 +555,19 @@ def values_for(sim: SimNode):
     """A parameter of the simulator and something to set it to: in its range, at its ends, or nonsense."""
     numbers = {n: d for n, d in sim._declared.items() if hasattr(d, "unit") and d.count == 1}
     in_range = st.sampled_from(sorted(numbers)).flatmap(
-        lambda n: st.tuples(st.just(n), st.floats(numbers[n].low, numbers[n].high) | st.sampled_from([numbers[n].low, numbers[n].high]))
+        lambda n: st.tuples(
+            st.just(n), st.floats(numbers[n].low, numbers[n].high) | st.sampled_from([numbers[n].low, numbers[n].high])
+        )
     )
     nonsense = st.sampled_from([*sorted(sim._declared), "none"]).flatmap(
-        lambda n: st.tuples(st.just(n), ANY_FLOAT | st.integers(-(2**63), 2**63 - 1) | st.booleans() | st.text(max_size=3) | st.lists(st.floats(), max_size=2))
+        lambda n: st.tuples(
+            st.just(n),
+            ANY_FLOAT
+            | st.integers(-(2**63), 2**63 - 1)
+            | st.booleans()
+            | st.text(max_size=3)
+            | st.lists(st.floats(), max_size=2),
+        )
     )
     return st.lists(in_range | in_range | nonsense, min_size=1, max_size=6)
 
@@ -439,7 +591,9 @@ def test_parameters_of_the_simulator_at_run_time(sim, data):
     assert sim.set_parameters_atomically(defaults[: len(PARAMETERS)]).successful
 
 
-MOTIONS = st.tuples(st.floats(-600.0, 600.0), st.floats(-1e3, 1e3), st.integers(1, 40), st.sampled_from([1, 2, 20, 900]))
+MOTIONS = st.tuples(
+    st.floats(-600.0, 600.0), st.floats(-1e3, 1e3), st.integers(1, 40), st.sampled_from([1, 2, 20, 900])
+)
 
 
 @fuzz(60)

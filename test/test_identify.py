@@ -155,7 +155,8 @@ def test_both_methods_agree_where_there_is_noise_and_contact(model):
 
 @pytest.mark.parametrize(("speeds", "exponent"), [(FLAT_SPEEDS, None), ((30.0, 32.0, 34.0, 36.0), None)])
 def test_the_valley_by_the_distances_own_derivatives(model, speeds, exponent):
-    """The best-determined combination's exponent is the ratio of the distances' sensitivities: the valley runs across it."""
+    """The best-determined combination's exponent is the ratio of the distances' sensitivities: the valley runs across
+    it."""
     p = precision(model, speeds)
     along = p.valley.worst_exponents
     values = TRUE * (1 + 1e-3 * along / np.abs(along).max())
@@ -183,7 +184,8 @@ def test_mass_beside_eta_and_gamma_cannot_be_told(model):
 
 
 def test_coverage(model):
-    """Four distances with noise, a hundred times: each stated 95 % interval holds the truth about 95 times (binomial: 90 to 99), no side favoured."""
+    """Four distances with noise, a hundred times: each stated 95 % interval holds the truth about 95 times (binomial:
+    90 to 99), no side favoured."""
     held, answers = coverage(model)
     assert REPLICATES == 100 and len(answers) == 100
     for name in FREE:
@@ -236,7 +238,8 @@ def test_time_series(model, campaign):
     assert fit.nelder_mead == pytest.approx(fit.values, rel=1e-5)
     assert fit.degrees == 4 * 161 - 2 - 2 * 4, "two parameters, and in each run place, speed, heave and its rate"
     assert (np.abs(fit.values - [misfit.found.values[n] for n in FREE]) < 0.05 * fit.std).all()
-    # the initial states are free beside the parameters: the standard errors are the campaign fit's, where they are eliminated
+    # the initial states are free beside the parameters: the standard errors are the campaign fit's, where they are
+    # eliminated
     assert fit.std == pytest.approx([misfit.found.deviations[n] for n in FREE], rel=0.02)
     assert 1e-3 < fit.chance
 

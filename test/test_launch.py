@@ -21,7 +21,9 @@ PULSES = {"/**/sim": {"drive": "pulses", "initial_state": "surge_rate=20.0", "tr
 
 
 def planned(namespace: str = "/inductrack", **given: str) -> dict[str, Started]:
-    default = {name: one.default for name, one in ARGUMENTS.items()} | {"params_file": str(ROOT / "config/default.yaml")}
+    default = {name: one.default for name, one in ARGUMENTS.items()} | {
+        "params_file": str(ROOT / "config/default.yaml")
+    }
     return {one.executable: one for one in plan(default | given, namespace)}
 
 
@@ -67,7 +69,10 @@ def test_both_ends_of_lockstep_are_told(tmp_path):
 
 def test_who_asks_for_simulated_time_gets_a_clock():
     found = planned(use_sim_time="true", drive="pulses")
-    assert found["sim"].parameters["publish_clock"] is True and found["track_controller"].parameters["use_sim_time"] is True
+    assert (
+        found["sim"].parameters["publish_clock"] is True
+        and found["track_controller"].parameters["use_sim_time"] is True
+    )
     assert planned(use_sim_time="true", publish_clock="false")["sim"].parameters["publish_clock"] is False
 
 
@@ -141,7 +146,9 @@ def launched(ros, monkeypatch):
 
 def processes(launch) -> dict[str, int]:
     """Process ids of what was started."""
-    return {name: int(pid) for name, pid in re.findall(r"\[(\w+)-\d+\]: process started with pid \[(\d+)\]", launch.output)}
+    return {
+        name: int(pid) for name, pid in re.findall(r"\[(\w+)-\d+\]: process started with pid \[(\d+)\]", launch.output)
+    }
 
 
 def gone(pids) -> bool:
@@ -162,12 +169,12 @@ def test_a_bag_holds_the_run_from_its_first_message(ros, launched, pulses_file):
 @pytest.mark.parametrize(
     "arguments, said",
     [
-        ("monitor:=yes", "Argument \"monitor\" provided value \"yes\" is not valid"),
+        ("monitor:=yes", 'Argument "monitor" provided value "yes" is not valid'),
         ("namespace:=it's", "namespace:=it's: Invalid namespace"),
         ("params_file:=none.yaml", "none.yaml: no such file"),
         ("rviz:=true", "rviz2 is not installed"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said_before_anything_starts(launched, arguments, said):
     """The simulator once stayed behind as an orphan."""
     if arguments.startswith("rviz") and importlib.util.find_spec("rviz2"):
@@ -202,8 +209,15 @@ def test_two_rigs_in_one_domain_have_their_own_topics_and_frames(ros, launched):
     from geometry_msgs.msg import PoseStamped
 
     names = ("rig1", "rig2")
-    launch = launched(*(f"namespace:={name} frame_prefix:={name}/ initial_state:=surge_rate={speed}" for name, speed in zip(names, (17, 25), strict=True)))
+    launch = launched(
+        *(
+            f"namespace:={name} frame_prefix:={name}/ initial_state:=surge_rate={speed}"
+            for name, speed in zip(names, (17, 25), strict=True)
+        )
+    )
     heard = {name: ros.listen(PoseStamped, f"/{name}/pose") for name in names}
     ros.wait(lambda: all(heard.values()), "poses of both rigs")
-    assert {name: {m.header.frame_id for m in poses} for name, poses in heard.items()} == {n: {f"{n}/track"} for n in names}
+    assert {name: {m.header.frame_id for m in poses} for name, poses in heard.items()} == {
+        n: {f"{n}/track"} for n in names
+    }
     assert launch.stop() == 0

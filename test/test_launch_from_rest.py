@@ -38,7 +38,9 @@ def test_energy_of_the_launch(flown):
     model = Model.load(FILE)
     x = np.zeros((len(times), len(model.kernel.states)))
     x[:, :8] = run.states
-    power = np.array([[w[n] @ s[4:8] for n in ("total",)] for s, w in ((s, model.wrenches(s, origin=0.0)) for s in x[::10])])[:, 0]
+    power = np.array(
+        [[w[n] @ s[4:8] for n in ("total",)] for s, w in ((s, model.wrenches(s, origin=0.0)) for s in x[::10])]
+    )[:, 0]
     assert np.trapezoid(power, times[::10]) == pytest.approx(0.0, abs=0.02 * 0.5 * 300.0 * 4.0**2)
 
 
@@ -58,7 +60,9 @@ def test_the_node_flies_it(ros, tmp_path):
     twist = ros.listen(TwistStamped, "/inductrack/twist")
     ros.start("sim", "--ros-args", "--params-file", str(FILE), "-p", "listeners:=1", "-p", "speed_factor:=3.0")
     # The recorder is the listener that the run waits for; on a busy machine this one may be found after the flight.
-    ros.wait(lambda: twist and twist[-1].twist.linear.x == 0.0 and twist[-1].header.stamp.sec >= 2, "the end of the run")
+    ros.wait(
+        lambda: twist and twist[-1].twist.linear.x == 0.0 and twist[-1].header.stamp.sec >= 2, "the end of the run"
+    )
     assert recorder.stop() == 0
     speed = read_bag(tmp_path / "bag").samples("surge_rate")[1]
     assert abs(speed[0]) < 1.0 and speed.max() > 20.0 and abs(speed[-1]) < 0.2

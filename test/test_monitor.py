@@ -65,9 +65,7 @@ def test_false_alarms_are_as_rare_as_stated():
 def test_a_complete_model_is_quiet_and_its_forces_are_noise():
     monitor = Monitor(Model.default(), NOISE)
     windows = [
-        w
-        for seed in range(12)
-        for w in feed(monitor, *measured(speed=16.2 + seed / 4, seed=seed), start=10.0 * seed)
+        w for seed in range(12) for w in feed(monitor, *measured(speed=16.2 + seed / 4, seed=seed), start=10.0 * seed)
     ]
     z = np.array([w.fit.force / w.fit.sigma for w in windows if not w.fit.contact])
     assert len(z) > 100
@@ -132,7 +130,8 @@ def test_pulses_count():
 
 @pytest.mark.parametrize("drive", ["averaged", "pulses"])
 def test_nothing_is_compiled_once_windows_come(drive):
-    """A slice that was not contiguous had the kernel compiled anew in the first window: `monitor` was deaf for seconds."""
+    """A slice that was not contiguous had the kernel compiled anew in the first window: `monitor` was deaf for
+    seconds."""
     model = Model.create(drive=drive, effects={"magnet_warming": {}, "sensor_delay:heave": {}})
     functions = model.kernel.simulate_batch, model.kernel.evaluate  # what the node warms up
     for function in functions:
@@ -149,7 +148,8 @@ def test_nothing_is_compiled_once_windows_come(drive):
 
 
 def test_nothing_upsets_it():
-    """NaN, holes, a standstill of the clock, disorder, resets, impacts, worse sensors: counted, never an alarm or a NaN."""
+    """NaN, holes, a standstill of the clock, disorder, resets, impacts, worse sensors: counted, never an alarm or a
+    NaN."""
     monitor, random = Monitor(Model.default().with_changes({"drive_current": 0.0}), NOISE), np.random.default_rng(0)
     times, values = measured(speed=24.0, seconds=1.5, current=0.0)  # lands hard after half a second
     broken = values.copy()
@@ -167,7 +167,12 @@ def test_nothing_upsets_it():
     for coil, current in ((np.nan, 1.0), (1.5, 1.0), (1.0, np.inf)):
         monitor.pulse(10**9, coil, current, True)
     counts = monitor.counts
-    assert counts.not_numbers >= 2 * 11 + 3 and counts.restarts >= 3 and counts.contact > 20 and counts.windows == len(windows)
+    assert (
+        counts.not_numbers >= 2 * 11 + 3
+        and counts.restarts >= 3
+        and counts.contact > 20
+        and counts.windows == len(windows)
+    )
     for window in windows:
         if window.fit is not None:
             assert np.isfinite([*window.fit.force, *window.fit.sigma, *window.fit.residual]).all()
@@ -197,7 +202,10 @@ def test_a_bag_that_hides_an_effect_plays_and_the_improved_model_is_quiet(ros, t
     model.save(tmp_path / "model.yaml")
     forces = ros.listen(WrenchStamped, "/inductrack/missing_force")
     sigmas = ros.listen(WrenchStamped, "/inductrack/missing_force_sigma")
-    residuals = ros.listen(PoseStamped, "/inductrack/residual/pose"), ros.listen(TwistStamped, "/inductrack/residual/twist")
+    residuals = (
+        ros.listen(PoseStamped, "/inductrack/residual/pose"),
+        ros.listen(TwistStamped, "/inductrack/residual/twist"),
+    )
     better = ros.listen(WrenchStamped, "/inductrack/better/missing_force")
     diagnostics = ros.listen(DiagnosticArray, "/diagnostics")
     paper = ros.start("monitor", "--ros-args", "-p", "reliability:=reliable")  # not a sample is lost
@@ -210,9 +218,21 @@ def test_a_bag_that_hides_an_effect_plays_and_the_improved_model_is_quiet(ros, t
     improved.wait_for("waiting for measured/pose")
     ros.connect("/inductrack/monitor", "/inductrack/better")
     player = ros.start(
-        "play", str(tmp_path / "bag"), "--rate", "2", "--listeners", "2", "--topics", "/inductrack/pose", "/inductrack/twist",
-        "--ros-args", "-r", "/inductrack/pose:=/inductrack/measured/pose", "-r", "/inductrack/twist:=/inductrack/measured/twist",
-    )  # fmt: skip
+        "play",
+        str(tmp_path / "bag"),
+        "--rate",
+        "2",
+        "--listeners",
+        "2",
+        "--topics",
+        "/inductrack/pose",
+        "/inductrack/twist",
+        "--ros-args",
+        "-r",
+        "/inductrack/pose:=/inductrack/measured/pose",
+        "-r",
+        "/inductrack/twist:=/inductrack/measured/twist",
+    )
     ros.wait(lambda: not player.running, "the end of the bag")
     assert player.wait() == 0 and f"{2 * len(times)} messages played" in player.output
     paper.wait_for("fails in heave")
@@ -223,7 +243,13 @@ def test_a_bag_that_hides_an_effect_plays_and_the_improved_model_is_quiet(ros, t
     last = 0.5 * 1.29 * 0.02 * np.interp(1.85, times, values[:, 4]) ** 2  # in the middle of the last window
     assert float(said_in_newtons[1]) == pytest.approx(last, abs=4 * float(said_in_newtons[2]))
     # The twentieth window lacks what comes after its end.
-    for heard, last in ((forces, 101.85), (sigmas, 101.85), (residuals[0], 101.898), (residuals[1], 101.898), (better, 101.8)):
+    for heard, last in (
+        (forces, 101.85),
+        (sigmas, 101.85),
+        (residuals[0], 101.898),
+        (residuals[1], 101.898),
+        (better, 101.8),
+    ):
         ros.wait(lambda h=heard, t=last: h and nanoseconds_of(h[-1].header.stamp) / 1e9 > t - 1e-6, "the last window")
 
     def said() -> dict[str, DiagnosticStatus]:
@@ -231,7 +257,10 @@ def test_a_bag_that_hides_an_effect_plays_and_the_improved_model_is_quiet(ros, t
 
     ros.wait(lambda: len(said()) == 2, "diagnostics of both")
     for model, verdict in (("monitor", "fails in heave"), ("better", "model fits")):
-        ros.wait(lambda m=model, v=verdict: said()[f"/inductrack/{m}: model"].message.startswith(v), "the verdict on /diagnostics")
+        ros.wait(
+            lambda m=model, v=verdict: said()[f"/inductrack/{m}: model"].message.startswith(v),
+            "the verdict on /diagnostics",
+        )
 
     assert len(forces) == len(sigmas) == 19
     pulls = []

@@ -1,4 +1,5 @@
-"""Nodes end within seconds of a signal, with the status they earned, whatever the middleware and whoever sends signals do."""
+"""Nodes end within seconds of a signal, with the status they earned, whatever the middleware and whoever sends signals
+do."""
 
 from __future__ import annotations
 
@@ -82,5 +83,3 @@ def test_signals_without_end_change_nothing(ros, node):
     while process.running:
         process.send(signal.SIGINT)
     assert process.wait() == 0 and "Traceback" not in process.output
-
-

@@ -24,7 +24,8 @@ SIM = ["--ros-args", "-p", "drive:=pulses", "-p", "initial_state:='surge_rate=15
 LOCKSTEP = ["-p", "lockstep:=true"]
 HOLD = ["--ros-args", "-p", "mode:=speed", "-p", "target_speed:=15.0"]
 
-#: Simulated seconds for which the speed is held, and from which on it is near. Left to a constant current the cradle stands after two.
+#: Simulated seconds for which the speed is held, and from which on it is near. Left to a constant current the cradle
+#: stands after two.
 HELD, SETTLED = 4.0, 3.0
 
 
@@ -52,7 +53,13 @@ def test_the_unstable_speed_is_held_and_mode_gains_and_lead_change_meanwhile(ros
     for parameter, value in (("drive_current", 9000.0), ("mode", "current")):
         assert ros.set_parameter(name, parameter, value).successful
     ros.wait(lambda: twist[-1].twist.linear.x > 15.4, "9000 A to speed the cradle up")
-    for parameter, value in (("target_speed", 15.2), ("gain", 6000.0), ("lead", 0.01), ("max_current", 12000.0), ("mode", "speed")):
+    for parameter, value in (
+        ("target_speed", 15.2),
+        ("gain", 6000.0),
+        ("lead", 0.01),
+        ("max_current", 12000.0),
+        ("mode", "speed"),
+    ):
         assert ros.set_parameter(name, parameter, value).successful
     controller.wait_for("firing for 15.2 m/s, 10 ms ahead")
     for parameter, value in (("mode", "sideways"), ("lead", 9.0), ("gain", float("nan")), ("lockstep", False)):
@@ -102,7 +109,9 @@ def test_two_lockstep_runs_give_the_same_bag(ros, tmp_path):
     second = record_lockstep(ros, tmp_path / "second", LASTS)
     assert first == second
     run = read_bag(tmp_path / "first")  # and it is a run of a campaign: sensors, and the pulses that were fired
-    assert {"surge", "heave_rate", "gap_top", "heave_acceleration"} <= set(run.channels) and len(run.pulses.times) > 250 * LASTS
+    assert {"surge", "heave_rate", "gap_top", "heave_acceleration"} <= set(run.channels) and len(
+        run.pulses.times
+    ) > 250 * LASTS
 
     # The pulses that were fired, given to the model, are the run.
     truth = read_bag(tmp_path / "first", {n: f"/inductrack/{n}" for n in ("pose", "twist")} | {"imu": None})
@@ -162,7 +171,8 @@ def test_the_demo_records_a_run(tmp_path, monkeypatch):
 
 
 def test_out_of_step_the_pulses_come_in_time(ros):
-    """The simulator does not wait: pulses sent ahead arrive before they are to fire. Slowly, for a busy machine's sake."""
+    """The simulator does not wait: pulses sent ahead arrive before they are to fire. Slowly, for a busy machine's
+    sake."""
     twist = ros.listen(TwistStamped, "/inductrack/twist")
     fired = ros.listen(PointStamped, "/inductrack/fired_pulses")
     controller = ros.start("track_controller", *HOLD, "-p", "lead:=0.05")

@@ -1,4 +1,5 @@
-"""Parameter files and overrides: what a node takes, what it passes over and says, what it refuses; commands do the same."""
+"""Parameter files and overrides: what a node takes, what it passes over and says, what it refuses; commands do the
+same."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ NODES = {"sim": SimNode, "monitor": MonitorNode, "track_controller": TrackContro
 
 @pytest.fixture
 def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):
-    """Start a node in this process with a parameter file's text and further words; its status, parameters and what it said."""
+    """Start a node in this process with a parameter file's text and further words; its status, parameters and what it
+    said."""
     monkeypatch.setattr(runtime.STOP, "listen", lambda: None)
     monkeypatch.chdir(tmp_path)
 
@@ -53,7 +55,11 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Capture
 EMPTY = {
     "sim": ("/**:\n  ros__parameters: {effects: [], eta: 0.75}\n", "effects", [""]),
     "monitor": ("/inductrack/monitor:\n  ros__parameters: {effect_files: [], effects: []}\n", "effect_files", [""]),
-    "track_controller": ("/inductrack/track_controller:\n  ros__parameters:\n    detectors: {failed: []}\n", "detectors.failed", [-1]),
+    "track_controller": (
+        "/inductrack/track_controller:\n  ros__parameters:\n    detectors: {failed: []}\n",
+        "detectors.failed",
+        [-1],
+    ),
 }
 
 
@@ -65,7 +71,8 @@ def test_an_empty_list_is_none(start, node):
     assert start(node, "", "-p", f"{name}:=[]")[0] == 0
 
 
-#: A file, the η that sim takes from it, and what it says. `inductrack simulate` takes the same, or says the same and refuses.
+#: A file, the η that sim takes from it, and what it says. `inductrack simulate` takes the same, or says the same and
+#: refuses.
 FILES = {
     "for it": ("/inductrack/sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
     "nested": ("inductrack: {sim: {ros__parameters: {eta: 0.75}}}", 0.75, ""),
@@ -76,15 +83,28 @@ FILES = {
     "special before general": ("/**:\n  sim: {ros__parameters: {eta: 0.75}}\n  ros__parameters: {mass: 9.0}", 0.75, ""),
     "coordinates by name": ("{eta: 0.75, dof: [sway, heave]}", 0.75, ""),
     "later counts": ("/**: {ros__parameters: {eta: 0.5}}\n/inductrack/sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
-    "no namespace": ("sim: {ros__parameters: {eta: 0.75}}", 0.7295, "nothing in it is for /inductrack/sim; its blocks are for /sim; name"),
+    "no namespace": (
+        "sim: {ros__parameters: {eta: 0.75}}",
+        0.7295,
+        "nothing in it is for /inductrack/sim; its blocks are for /sim; name",
+    ),
     "another namespace": ("/rig1/sim: {ros__parameters: {eta: 0.75}}", 0.7295, "its blocks are for /rig1/sim"),
-    "another node": ("/inductrack/simulator: {ros__parameters: {eta: 0.75}}", 0.7295, "its blocks are for /inductrack/simulator"),
+    "another node": (
+        "/inductrack/simulator: {ros__parameters: {eta: 0.75}}",
+        0.7295,
+        "its blocks are for /inductrack/simulator",
+    ),
     "a part elsewhere": (
-        "/**: {ros__parameters: {mass: 9.0}}\n/rig1/sim: {ros__parameters: {eta: 0.75}}", 0.7295,
+        "/**: {ros__parameters: {mass: 9.0}}\n/rig1/sim: {ros__parameters: {eta: 0.75}}",
+        0.7295,
         "not all in it is for /inductrack/sim; its blocks are for /rig1/sim",
     ),
-    "for all nodes": ("/**: {ros__parameters: {eta: 0.75, mode: speed, detectors: {failed: [3]}, my_own: 1}}", 0.75, "my_own"),
-}  # fmt: skip
+    "for all nodes": (
+        "/**: {ros__parameters: {eta: 0.75, mode: speed, detectors: {failed: [3]}, my_own: 1}}",
+        0.75,
+        "my_own",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", FILES)
@@ -102,7 +122,10 @@ def test_a_file_gives_node_and_command_the_same(start, capfd, tmp_path, case):
 
 
 REFUSED = {
-    "unknown, for it": ("/inductrack/sim: {ros__parameters: {etta: 0.75}}", "unknown parameter 'etta'; did you mean 'eta'?"),
+    "unknown, for it": (
+        "/inductrack/sim: {ros__parameters: {etta: 0.75}}",
+        "unknown parameter 'etta'; did you mean 'eta'?",
+    ),
     "unknown, plain": ("etta: 0.75", "unknown parameter 'etta'; did you mean 'eta'?"),
     "no value": ("{eta: }", "given.yaml: eta has no value; give it one, or leave the name out"),
     "lists in lists": ("{eta: [[1], [2]]}", "must be of one kind"),
@@ -142,13 +165,23 @@ def test_quality_of_service_is_as_asked(start, monkeypatch):
 
     def look(node) -> None:
         for end in (*node.publishers, *node.subscriptions):
-            ends[end.topic_name.removeprefix("/inductrack/")] = end.qos_profile.reliability.name.lower(), end.qos_profile.depth
+            ends[end.topic_name.removeprefix("/inductrack/")] = (
+                end.qos_profile.reliability.name.lower(),
+                end.qos_profile.depth,
+            )
 
     monkeypatch.setattr(SimNode, "at_the_end", look, raising=False)
     assert start("sim", OVERRIDES)[0] == 0
-    assert ends["pose"] == ("best_effort", 7) and ends["drive_pulses"] == ("reliable", 9) and ends["twist"] == ("reliable", 10000)
+    assert (
+        ends["pose"] == ("best_effort", 7)
+        and ends["drive_pulses"] == ("reliable", 9)
+        and ends["twist"] == ("reliable", 10000)
+    )
     assert Model.load("given.yaml") == Model.default()  # nothing in it is the model's
-    for asked, pose, measured in (("sensor_data", "reliable", "best_effort"), ("best_effort", "best_effort", "best_effort")):
+    for asked, pose, measured in (
+        ("sensor_data", "reliable", "best_effort"),
+        ("best_effort", "best_effort", "best_effort"),
+    ):
         assert start("sim", "", "-p", f"reliability:={asked}", "-p", "publish_clock:=true")[0] == 0
         assert (ends["pose"][0], ends["measured/imu"][0], ends["/clock"][0]) == (pose, measured, "reliable")
 
@@ -156,10 +189,26 @@ def test_quality_of_service_is_as_asked(start, monkeypatch):
 @pytest.mark.parametrize(
     "node, text, says",
     [
-        ("sim", "{lockstep: true, reliability: best_effort}", "sim: reliability = 'best_effort': in lockstep time waits for an answer"),
-        ("sim", "/**:\n  ros__parameters:\n    lockstep: true\n" + OVERRIDES, "qos_overrides of pose: in lockstep time waits"),
-        ("track_controller", "{lockstep: true, qos_overrides./inductrack/pose.subscription.reliability: best_effort}", "qos_overrides of pose: in lockstep"),
-        ("sim", "{qos_overrides./inductrack/pose.publisher.reliability: perhaps}", "qos_overrides of pose: Unexpected QoS override"),
+        (
+            "sim",
+            "{lockstep: true, reliability: best_effort}",
+            "sim: reliability = 'best_effort': in lockstep time waits for an answer",
+        ),
+        (
+            "sim",
+            "/**:\n  ros__parameters:\n    lockstep: true\n" + OVERRIDES,
+            "qos_overrides of pose: in lockstep time waits",
+        ),
+        (
+            "track_controller",
+            "{lockstep: true, qos_overrides./inductrack/pose.subscription.reliability: best_effort}",
+            "qos_overrides of pose: in lockstep",
+        ),
+        (
+            "sim",
+            "{qos_overrides./inductrack/pose.publisher.reliability: perhaps}",
+            "qos_overrides of pose: Unexpected QoS override",
+        ),
         ("sim", "{qos_overrides./inductrack/pose.publisher.depth: many}", "qos_overrides of pose: "),
     ],
 )
@@ -179,7 +228,11 @@ def test_what_another_callback_refuses_takes_no_effect(start, monkeypatch, name)
 
         node.add_on_set_parameters_callback(others)  # asked before ours: the newest is the first
         node._on_set_parameters_callbacks.reverse()  # and after ours
-        in_force = {"sim": lambda: node.model, "monitor": lambda: node.monitor.model, "track_controller": lambda: node._hold.speed}[name]
+        in_force = {
+            "sim": lambda: node.model,
+            "monitor": lambda: node.monitor.model,
+            "track_controller": lambda: node._hold.speed,
+        }[name]
         parameter = "target_speed" if name == "track_controller" else "mass"
         for accept in (False, True):
             seen.append(accept)
@@ -200,17 +253,23 @@ def test_a_model_of_coordinates_by_name_runs_in_the_monitor_too(start):
 @pytest.mark.parametrize("node", ["sim", "monitor"])
 def test_plant_effects_and_their_conditions_are_parameters(start, node):
     text = """{effects: [track_temperature, flexible_mode, auxiliary_wheels], track_temperature: {coefficient: 0.004},
-      flexible_mode: {frequency: 25.0}, auxiliary_wheels: {height: 0.003, stiffness: 1.0e+5}, conditions: {track_temperature: 35.0}}"""
+      flexible_mode: {frequency: 25.0}, auxiliary_wheels: {height: 0.003, stiffness: 1.0e+5}, conditions: {track_temperature: 35.0}}"""  # noqa: E501
     status, found, _ = start(node, text)
     assert status == 0
-    assert found["conditions.track_temperature"] == 35.0 and found["flexible_mode.frequency"] == 25.0 and found["auxiliary_wheels.damping"] == 0.0
+    assert (
+        found["conditions.track_temperature"] == 35.0
+        and found["flexible_mode.frequency"] == 25.0
+        and found["auxiliary_wheels.damping"] == 0.0
+    )
     status, _, said = start(node, "{effects: [track_temperature], conditions: {trck_temperature: 35.0}}")
     assert status == 2 and "did you mean 'track_temperature'" in said
 
 
 def test_effect_files_are_sought_beside_the_file_that_names_them(start, tmp_path):
     (tmp_path / "there").mkdir()
-    (tmp_path / "there" / "mine.py").write_text((Path(__file__).parent.parent / "examples" / "my_effect.py").read_text())
+    (tmp_path / "there" / "mine.py").write_text(
+        (Path(__file__).parent.parent / "examples" / "my_effect.py").read_text()
+    )
     Path("there/model.yaml").write_text("{effect_files: [mine.py], effects: [magnetised_patch]}")
     status, found, _ = start("sim", "", "--params-file", "there/model.yaml")
     assert status == 0 and list(found["effect_files"]) == [str(tmp_path / "there" / "mine.py")]
@@ -220,16 +279,27 @@ def test_effect_files_are_sought_beside_the_file_that_names_them(start, tmp_path
 @pytest.mark.parametrize(
     "pattern, node, taken",
     [
-        ("/**", "/a/b/sim", True), ("/*", "/a/sim", False), ("/*", "/sim", True), ("/*/sim", "/a/sim", True), ("/*/sim", "/a/b/sim", False),
-        ("/**/sim", "/a/b/sim", True), ("/**/sim", "/sim", True), ("/a/**", "/a/b/sim", True), ("/a/**", "/b/sim", False), ("/a.sim", "/a/sim", False),
+        ("/**", "/a/b/sim", True),
+        ("/*", "/a/sim", False),
+        ("/*", "/sim", True),
+        ("/*/sim", "/a/sim", True),
+        ("/*/sim", "/a/b/sim", False),
+        ("/**/sim", "/a/b/sim", True),
+        ("/**/sim", "/sim", True),
+        ("/a/**", "/a/b/sim", True),
+        ("/a/**", "/b/sim", False),
+        ("/a.sim", "/a/sim", False),
     ],
-)  # fmt: skip
+)
 def test_wildcards(pattern, node, taken):
     assert Block(pattern, {}).is_for(node) is taken
 
 
 @fuzz(60)
-@given(node=st.sampled_from([*NODES]), tree=st.dictionaries(WORDS, TREES, max_size=4) | TREES.map(lambda t: {"/**": {"ros__parameters": t}}))
+@given(
+    node=st.sampled_from([*NODES]),
+    tree=st.dictionaries(WORDS, TREES, max_size=4) | TREES.map(lambda t: {"/**": {"ros__parameters": t}}),
+)
 def test_no_parameter_file_ends_in_a_traceback(start, node, tree):
     text = yaml.safe_dump(tree, allow_unicode=True)
     status, _, said = start(node, text)

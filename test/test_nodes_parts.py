@@ -23,7 +23,8 @@ PULSED = Model.create(drive="pulses")
 
 
 def test_a_runaway_is_told_from_other_ends(monkeypatch):
-    """Above the balance speed thrust beats drag until no number holds the speed; without thrust the parameters are to blame."""
+    """Above the balance speed thrust beats drag until no number holds the speed; without thrust the parameters are to
+    blame."""
     for current, says in ((7000.0, "ran away, from 40 m/s"), (0.0, "left all bounds")):
         run = Simulation(Model.create({"drive_current": current}), {"surge_rate": 40.0}, 500.0, queue())
         monkeypatch.setattr(Model, "advance", lambda self, x, *_, **__: x * np.nan)
@@ -127,7 +128,8 @@ def test_pulses_are_centred_on_the_peak_alternate_and_come_once_per_coil():
             notice[pulse.coil] = pulse.time - now
     coils = [p.coil for p in pulses]
     assert coils == list(range(coils[0], coils[0] + len(coils))) and len(coils) > 280
-    # The first ones, too, are told early enough for a message's trip; they once came too late. The others have the whole lead.
+    # The first ones, too, are told early enough for a message's trip; they once came too late. The others have the
+    # whole lead.
     assert min(notice.values()) > 0.003 and min([*notice.values()][6:]) > 0.008 - 1 / 500 - 1e-9
     for p in pulses:
         assert p.time + PULSE / 2 == pytest.approx(p.coil * 0.05 / 15.0, abs=1e-6)

@@ -63,12 +63,16 @@ def test_what_is_published_is_the_model_in_ros_axes(ros):
     sim = ros.start("sim", *given)
     ros.connect("/inductrack/sim")
     ros.call(SetBool, "/inductrack/sim/pause", data=False)
-    ros.wait(lambda: len(heard["wrench/total"]) > 50 and len(heard["measured/imu"]) > 10 and len(clock) > 50, "messages")
+    ros.wait(
+        lambda: len(heard["wrench/total"]) > 50 and len(heard["measured/imu"]) > 10 and len(clock) > 50, "messages"
+    )
     ros.call(SetBool, "/inductrack/sim/pause", data=True)
     wrenches = [messages for topic, messages in heard.items() if topic.startswith("wrench/")]
     ros.wait(lambda: len({seconds(messages[-1]) for messages in wrenches}) == 1, "all of one moment")
 
-    documented = re.findall(r"^\| `([^`]+)` \|", (Path(__file__).parent.parent / "docs" / "interfaces.md").read_text(), re.MULTILINE)
+    documented = re.findall(
+        r"^\| `([^`]+)` \|", (Path(__file__).parent.parent / "docs" / "interfaces.md").read_text(), re.MULTILINE
+    )
     for name, _ in ros.node.get_topic_names_and_types():
         if name.startswith("/inductrack/"):
             assert any(fnmatch(name.removeprefix("/inductrack/"), pattern) for pattern in documented), name
@@ -95,14 +99,22 @@ def test_what_is_published_is_the_model_in_ros_axes(ros):
     assert drag[moment] < 0 < [m.wrench.force.z for m in heard["wrench/lift"] if seconds(m) == moment][0]
     assert heard["gap_top"][0].header.frame_id == "gap_top" and 0.003 < heard["gap_top"][0].range < 0.012
     times = sorted({round(c.clock.sec + 1e-9 * c.clock.nanosec, 6) for c in clock})
-    assert len(times) > 50 and np.diff(times).max() == pytest.approx(0.01)  # a hundredth of a second, whatever the rate of ticks
+    assert len(times) > 50 and np.diff(times).max() == pytest.approx(
+        0.01
+    )  # a hundredth of a second, whatever the rate of ticks
 
     # What is known of the noise stands in the messages; the truth has none, and 0 would mean that it is not known.
     imu, gap, odometry = heard["measured/imu"][-1], heard["measured/gap_top"][-1], heard["odometry"][-1]
     assert np.reshape(imu.linear_acceleration_covariance, (3, 3)) == pytest.approx(np.eye(3) * 0.05**2)
-    assert (gap.min_range, gap.max_range, gap.field_of_view) == pytest.approx((-0.005, 0.1, 0.05)) and gap.variance == pytest.approx(9e-10)
+    assert (gap.min_range, gap.max_range, gap.field_of_view) == pytest.approx(
+        (-0.005, 0.1, 0.05)
+    ) and gap.variance == pytest.approx(9e-10)
     assert heard["gap_top"][-1].variance == 0.0
-    assert all(0 < v < 1e-9 for c in (odometry.pose.covariance, odometry.twist.covariance) for v in np.reshape(c, (6, 6)).diagonal())
+    assert all(
+        0 < v < 1e-9
+        for c in (odometry.pose.covariance, odometry.twist.covariance)
+        for v in np.reshape(c, (6, 6)).diagonal()
+    )
 
     # The sensors: another rate, noise about the truth; an Imu at rest would show +g upwards.
     truth = {seconds(m): m.pose.position.z for m in heard["pose"]}
@@ -148,7 +160,9 @@ def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
     ros.wait(lambda: viscous[-1].wrench.force.x < -1.9 * twist[-1].twist.linear.x, "the new coefficient to count")
     warm = ros.listen(WrenchStamped, "/inductrack/wrench/track_temperature")
     assert ros.set_parameter("/inductrack/sim", "conditions.track_temperature", 60.0).successful
-    ros.wait(lambda: warm and warm[-1].wrench.force.x < -1.0, "the temperature to count")  # what is resistive brakes more
+    ros.wait(
+        lambda: warm and warm[-1].wrench.force.x < -1.0, "the temperature to count"
+    )  # what is resistive brakes more
     live = {"eta": 0.75, "drive_current": 6000.0, "speed_factor": 0.5, "stand_in_heave.values": [0.5, 0.0]}
     for name, value in (live | {"measured.heave.noise": 0.0}).items():
         assert ros.set_parameter("/inductrack/sim", name, value).successful
@@ -177,7 +191,9 @@ def test_pause_step_reset_and_speed_factor(ros):
     assert all(step.success for step in steps)
     ros.wait(lambda: seconds(poses[-1]) >= time_of(steps[-1]) - 1e-6, "the pose after the last step")
     ticks = [round(500 * time_of(step)) for step in steps]
-    assert ticks == [ticks[0], ticks[0] + 1, ticks[0] + 2] == [round(500 * seconds(p)) for p in poses[-3:]]  # time stood between
+    assert (
+        ticks == [ticks[0], ticks[0] + 1, ticks[0] + 2] == [round(500 * seconds(p)) for p in poses[-3:]]
+    )  # time stood between
 
     assert ros.call(Trigger, "/inductrack/sim/reset").success
     ros.wait(lambda: seconds(poses[-1]) == 0.0, "the initial state again")
@@ -255,7 +271,8 @@ def test_a_signal_while_a_node_still_starts_is_quiet_too(ros, number):
 
 
 def test_alone_it_flies_for_as_long_as_one_watches(ros):
-    """`ros2 run inductrack_ros sim` and nothing else: it comes to rest, says so once with the remedy, and begins anew."""
+    """`ros2 run inductrack_ros sim` and nothing else: it comes to rest, says so once with the remedy, and begins
+    anew."""
     poses = ros.listen(PoseStamped, "/inductrack/pose")
     sim = ros.start("sim", *options(speed_factor=10.0, rate=100.0, publish_clock="true"))
 

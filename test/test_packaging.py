@@ -61,7 +61,13 @@ def test_colcon_build_puts_everything_where_ros_looks(workspace):
     for name in NODES:  # `ros2 run inductrack_ros <name>`
         assert os.access(prefix / "lib/inductrack_ros" / name, os.X_OK), name
     share = prefix / "share/inductrack_ros"
-    for name in ("package.xml", "launch/inductrack.launch.py", "config/default.yaml", "rviz/forces.rviz", "layouts/foxglove.json"):
+    for name in (
+        "package.xml",
+        "launch/inductrack.launch.py",
+        "config/default.yaml",
+        "rviz/forces.rviz",
+        "layouts/foxglove.json",
+    ):
         assert (share / name).is_file(), name
     command = str(prefix / "lib/inductrack_ros/inductrack")
     assert "usage: inductrack" in run(command, "-h", cwd=workspace, PYTHONPATH=str(site(prefix)))
@@ -89,7 +95,11 @@ def test_package_xml_agrees_with_setup_py():
     text = (ROOT / "setup.py").read_text()
     arguments = {k.arg: k.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Call) for k in n.keywords}
     assert manifest.get("format") == "3" and manifest.find("export/build_type").text == "ament_python"
-    assert re.search(rf"^{re.escape(manifest.findtext('version'))} \(\d{{4}}-\d\d-\d\d\)\n-+\n", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE)
+    assert re.search(
+        rf"^{re.escape(manifest.findtext('version'))} \(\d{{4}}-\d\d-\d\d\)\n-+\n",
+        (ROOT / "CHANGELOG.rst").read_text(),
+        re.MULTILINE,
+    )
     keys = {e.text for e in manifest if e.tag.endswith("depend")}
     # Every ROS package that the nodes import is declared, under its own name.
     imported = set()
@@ -103,7 +113,12 @@ def test_package_xml_agrees_with_setup_py():
     assert ros <= keys and {"launch", "launch_ros"} <= keys
     for name in ast.literal_eval(arguments["install_requires"]):
         name = re.split(r"[<>=]", name)[0]
-        if name not in ("setuptools", "plotly", "threadpoolctl", "xarray"):  # no rosdep key; package.xml says what to do
+        if name not in (
+            "setuptools",
+            "plotly",
+            "threadpoolctl",
+            "xarray",
+        ):  # no rosdep key; package.xml says what to do
             assert {"PyYAML": "python3-yaml", "rosbags": "python3-rosbags-pip"}.get(name, f"python3-{name}") in keys
 
 
@@ -154,7 +169,10 @@ def test_a_run_from_which_tests_are_missing_fails(tmp_path):
     """Under colcon one file that skips itself ended the collection: one test of 1,400 ran, and passed."""
     skips = tmp_path / "test_skips.py"
     skips.write_text(SKIPS_ITSELF)
-    for files, status, said in (["test_frames.py"], 0, "tests collected"), (["test_frames.py", str(skips)], 4, "test_skips.py::test_one"):
+    for files, status, said in (
+        (["test_frames.py"], 0, "tests collected"),
+        (["test_frames.py", str(skips)], 4, "test_skips.py::test_one"),
+    ):
         command = [sys.executable, "-m", "pytest", "--collect-only", *files]
         done = subprocess.run(command, cwd=ROOT / "test", capture_output=True, text=True, check=False)
         assert done.returncode == status and said in done.stdout + done.stderr, done.stdout + done.stderr

@@ -76,9 +76,17 @@ def test_who_disagrees_says_why(claims):
 
 @pytest.mark.parametrize(
     ("value", "holds_if", "found", "verdict"),
-    [(1.19, "", 1.194, AGREES), (1.19, "", 1.25, CLOSE), (1.19, "", 1.4, DISAGREES), (None, "positive", 3.0, AGREES), (None, "positive", -3.0, DISAGREES),
-     (None, "negative", -1.0, AGREES), (None, "below 1", 0.5, AGREES), (None, "below 1", 2.6, DISAGREES)],
-)  # fmt: skip
+    [
+        (1.19, "", 1.194, AGREES),
+        (1.19, "", 1.25, CLOSE),
+        (1.19, "", 1.4, DISAGREES),
+        (None, "positive", 3.0, AGREES),
+        (None, "positive", -3.0, DISAGREES),
+        (None, "negative", -1.0, AGREES),
+        (None, "below 1", 0.5, AGREES),
+        (None, "below 1", 2.6, DISAGREES),
+    ],
+)
 def test_verdicts(value, holds_if, found, verdict):
     assert Claim("x", "x", "x", "x", value, "", 0.005, 0.1, holds_if).verdict(found) == verdict
 
@@ -91,7 +99,8 @@ def test_the_reasons_numbers(claims):
     assert n["speed_for_200"] == pytest.approx(200 * 1.5e-3 / (20 * math.pi * 1.8e-6))
     assert n["doubling"] == pytest.approx(math.log(2) / 2.324, rel=1e-3)
     assert n["travel_3s"] == pytest.approx(18.682, abs=1e-3)
-    # Twice the thrust moves the balance to where drag is twice the thrust of (39); no shared code: bisection with the other simulator.
+    # Twice the thrust moves the balance to where drag is twice the thrust of (39); no shared code: bisection with the
+    # other simulator.
     assert n["critical_true_impulse"] == pytest.approx(_critical(gamma=2 * 3.9298), abs=1e-3)
     assert n["critical_finite_pulse"] == pytest.approx(_critical(finite_pulse_width__on=1.0), abs=1e-3)
     assert n["critical_26_coils"] == pytest.approx(_critical(coils=26.0), abs=1e-3)
@@ -176,7 +185,8 @@ def test_figure_2_follows_the_circuit(claims):
 
 
 def test_figure_5_gap_carries_the_weight(claims):
-    """The gaps that the independent simulator found, read off the figure; and none below the lowest speed that carries."""
+    """The gaps that the independent simulator found, read off the figure; and none below the lowest speed that
+    carries."""
     f = claims.runs.figure_5
     for speed, gap_mm in ((20.0, 5.26583), (40.0, 6.35356)):
         assert 1e3 * np.interp(speed, f["speed"], f["gap"]) == pytest.approx(gap_mm, abs=1e-5)
@@ -239,7 +249,8 @@ def test_air_is_the_papers_formula(claims):
 
 
 def test_what_air_costs_a_coasting_run_by_energy(claims):
-    """To first order the loss is the double integral of friction over mass, with drag's own reply left out: the sign and size agree."""
+    """To first order the loss is the double integral of friction over mass, with drag's own reply left out: the sign
+    and size agree."""
     a = claims.air[2]
     assert a.lost_coasting == pytest.approx(0.5 * a.friction / 9.3, rel=0.3)
 

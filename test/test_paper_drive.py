@@ -43,7 +43,8 @@ def test_one_pulse_every_half_wave(model):
 
 
 def test_free_runs(model):
-    """Averaging alone costs under a millimetre in 1 s; leaving the pulse's length out, a quarter of a metre and more."""
+    """Averaging alone costs under a millimetre in 1 s; leaving the pulse's length out, a quarter of a metre and
+    more."""
     test = drive_test(model)
     # cos(x/2)/(1 − (x/π)²) ≈ 1 − x² (1/8 − 1/π²) with x = kvτ
     assert test.good_to == pytest.approx(np.sqrt(0.01 / (1 / 8 - 1 / np.pi**2)) / (20 * np.pi * 600e-6), rel=3e-3)

@@ -66,7 +66,8 @@ def test_the_first_sentence_counts(work, html):
     rows = work.claims.rows
     assert (
         verdict(rows)
-        == "Of 23 numbers and claims the paper prints, its own equations give 13, and 2 nearly; 8 do not: a typo and 7 contradictions inside the paper."
+        == "Of 23 numbers and claims the paper prints, its own equations give 13, and 2 nearly; 8 do not: a typo and 7"
+        " contradictions inside the paper."
     )
     assert f"<h1>{verdict(rows)}</h1>" in html
     assert (

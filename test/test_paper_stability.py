@@ -1,7 +1,8 @@
-"""Claims as numbers: eigenvalues, stiffness and damping against long simulations and against formulas from the equations.
+"""Claims as numbers: eigenvalues, stiffness and damping against long simulations and against formulas from the
+equations.
 
-Idea: a linearisation is right when the non-linear model, nudged, does what it says; and it is ours when another simulator agrees.
-"""
+Idea: a linearisation is right when the non-linear model, nudged, does what it says; and it is ours when another
+    simulator agrees."""
 
 import numpy as np
 import pytest
@@ -53,8 +54,8 @@ def test_sway_stiffness_by_formula(model):
 def test_coupling_damping_is_what_a_nudged_cradle_shows(model, speed):
     """Decay of heave over 12 swings with the speed free, by the non-linear model at the trimmed current.
 
-    The balance speed is unstable, so the nudge is along the heave mode: its eigenvector, which leaves the speed's mode at rest.
-    """
+    The balance speed is unstable, so the nudge is along the heave mode: its eigenvector, which leaves the speed's mode
+    at rest."""
     found, m = modes(model, speed), model.with_changes(dof=2)
     x = m.initial_state(surge_rate=speed)
     A = _jacobian(m, x, found.drive_current)
@@ -116,7 +117,8 @@ def test_held_speed_has_no_damping_and_sides_neither_grow_nor_decay(model):
 
 
 def test_both_together_turn_unstable(model):
-    """Just below the speed where both dampings cancel, a swing with lagging current and free speed decays; just above it grows."""
+    """Just below the speed where both dampings cancel, a swing with lagging current and free speed decays; just above
+    it grows."""
     speed = sign_change(model, "both_damping", 14.0, 40.0)
     assert speed == pytest.approx(24.60, abs=0.02)
     assert modes(model, speed - 1).both_damping > 0 > modes(model, speed + 1).both_damping

@@ -1,8 +1,7 @@
 """Fast by ratios taken in one run: times alone say more of the machine than of the program.
 
-Idea: bounds far from what is measured (docs/performance.md), so that only a lost factor trips them, and on the check that
-sees smaller losses, that it does see them.
-"""
+Idea: bounds far from what is measured (docs/performance.md), so that only a lost factor trips them, and on the check
+    that sees smaller losses, that it does see them."""
 
 import gc
 import json
@@ -50,7 +49,10 @@ def test_a_run_comes_near_to_c():
     """Measured: 1.5 times C's time. The C loop takes the same steps, to rounding."""
     model, _, state, times = one_run.problem()
     P = model.vector[:22].copy()
-    tasks = {"ours": lambda: model.simulate(times, state, one_run.CURRENT).outputs, "C": lambda: limit.run(P, state, times)}
+    tasks = {
+        "ours": lambda: model.simulate(times, state, one_run.CURRENT).outputs,
+        "C": lambda: limit.run(P, state, times),
+    }
     assert np.abs(tasks["ours"]() - tasks["C"]()).max() < 1e-9
     assert ratios(in_turn(tasks, 30), "ours")["C"]["median"] > 1 / 4
 
@@ -76,7 +78,8 @@ def test_an_ensemble_says_what_does_not_fit():
 
 
 def test_a_longer_bag_takes_the_memory_of_its_run(tmp_path, monkeypatch):
-    """Measured: 1.9 times, open files of a second each in it; 3.5 where numbers were kept as they came and once more in order."""
+    """Measured: 1.9 times, open files of a second each in it; 3.5 where numbers were kept as they came and once more in
+    order."""
     monkeypatch.setattr(bag, "JOINED", 0)
 
     def peak(seconds):
@@ -85,7 +88,9 @@ def test_a_longer_bag_takes_the_memory_of_its_run(tmp_path, monkeypatch):
         tracemalloc.start()
         try:
             run = read_bag(tmp_path / str(seconds))
-            return np.array([tracemalloc.get_traced_memory()[1], run.times.nbytes + run.stamps.nbytes + run.values.nbytes])
+            return np.array(
+                [tracemalloc.get_traced_memory()[1], run.times.nbytes + run.stamps.nbytes + run.values.nbytes]
+            )
         finally:
             tracemalloc.stop()
 

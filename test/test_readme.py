@@ -25,7 +25,8 @@ from inductrack_ros.nodes.track_controller import DECLARED
 
 ROOT = Path(__file__).parents[1]
 README, USAGE, INSTALLATION, INTERFACES = (
-    (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/usage.md", "docs/installation.md", "docs/interfaces.md")
+    (ROOT / name).read_text(encoding="utf-8")
+    for name in ("README.md", "docs/usage.md", "docs/installation.md", "docs/interfaces.md")
 )
 BLOCKS = re.findall(r"```(\w*)\n(.*?)```", README + USAGE + INSTALLATION, re.DOTALL)
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -52,8 +53,13 @@ def tables() -> str:
 
 
 def test_the_tables_are_what_the_command_prints(tables):
-    kept = re.search(r"<!-- interface tables: begin -->\n(.*)\n<!-- interface tables: end -->", INTERFACES, re.DOTALL)[1]
-    wrong = "docs/interfaces.md is out of date: put between its markers what python -m inductrack_ros.nodes.interface_tables prints"
+    kept = re.search(r"<!-- interface tables: begin -->\n(.*)\n<!-- interface tables: end -->", INTERFACES, re.DOTALL)[
+        1
+    ]
+    wrong = (
+        "docs/interfaces.md is out of date: put between its markers what python -m"
+        " inductrack_ros.nodes.interface_tables prints"
+    )
     assert kept.strip() == tables, wrong
     assert "python -m inductrack_ros.nodes.interface_tables" in INTERFACES
 
@@ -139,7 +145,9 @@ def test_the_readme_is_short():
     assert len(README.splitlines()) <= 90
     (picture,) = re.findall(r"!\[[^]]+\]\(([^)]+)\)", README)
     assert (ROOT / picture).read_bytes().startswith(b"\x89PNG")
-    assert {p.name for p in (ROOT / "docs").glob("*.md")} - {"index.md", "contributing.md"} <= set(re.findall(r"\(docs/([\w.]+)\)", README))
+    assert {p.name for p in (ROOT / "docs").glob("*.md")} - {"index.md", "contributing.md"} <= set(
+        re.findall(r"\(docs/([\w.]+)\)", README)
+    )
 
 
 def test_the_campaign_that_it_writes_can_be_read(tmp_path):
@@ -192,7 +200,9 @@ def test_the_security_note_is_true():
 
 def test_what_the_recipes_name_exists():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    files = {f for f in re.findall(r"`([\w./]+\.(?:py|md|rst|yaml|xml))`", text) if "/" in f} - {"inductrack_ros/core/effects/drive_lag.py"}
+    files = {f for f in re.findall(r"`([\w./]+\.(?:py|md|rst|yaml|xml))`", text) if "/" in f} - {
+        "inductrack_ros/core/effects/drive_lag.py"
+    }
     assert len(files) > 20
     for name in files:
         assert (ROOT / name).exists() or (ROOT / "inductrack_ros" / name).exists(), name
@@ -209,11 +219,17 @@ def test_the_effects_of_the_recipes_work(tmp_path):
     files = [tmp_path / f"effect_{i}.py" for i in range(len(sources))]
     for file, source in zip(files, sources, strict=True):
         file.write_text(source.replace("from . import", "from inductrack_ros.core.effects import"))
-    model = Model.create({"contact_stiffness": 1e3}, {"drive_lag": {"time_constant": 0.05}, "hertz_contact": {"stiffness": 1e9}}, effect_files=files)
+    model = Model.create(
+        {"contact_stiffness": 1e3},
+        {"drive_lag": {"time_constant": 0.05}, "hertz_contact": {"stiffness": 1e9}},
+        effect_files=files,
+    )
     state = model.with_effect_states([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     fallen = model.advance(state, 0.0, 0.5, drive_current=0.0)
     sunk = -fallen[2] - model.parameters["nominal_gap"]
-    assert 1e9 * sunk**1.5 + 1e3 * sunk == pytest.approx(model.parameters["mass"] * model.parameters["gravity"], rel=1e-3)
+    assert 1e9 * sunk**1.5 + 1e3 * sunk == pytest.approx(
+        model.parameters["mass"] * model.parameters["gravity"], rel=1e-3
+    )
     lagging = model.with_effect_states([0.0, 0.0, -0.005, 0.0, 20.0, 0.0, 0.0, 0.0])
     lagging[-1] = 0.0  # no thrust yet
     assert model.quantities(lagging)["thrust"] == 0.0

@@ -176,7 +176,7 @@ def test_nothing_sticks_out_at_either_width(report, tmp_path, width):
         const runs = [...Array(14).keys()].map(String), map = plots[0];
         await page.draw(map, { data: [{ type: "heatmap", x: runs, y: ["a"], z: [runs.map(Number)], texttemplate: "%{z}" }] });
         seen.numbers = map.querySelectorAll(".heatmap-label").length;
-        """,
+        """,  # noqa: E501
         f"--window-size={max(width, 500)},800",
     )
     assert seen["plots"] >= 6 and not seen["out"] and not seen["wide"], seen
@@ -196,7 +196,7 @@ def test_fourteen_channels_leave_the_verdict_on_the_first_screen_and_nothing_ala
         const shade = (plot) => JSON.stringify(plot.data.map((d) => [d.marker && d.marker.color, d.line && d.line.color]));
         seen.alarms = [...document.querySelectorAll(".plot")].filter((plot) => plot.data && shade(plot).includes(alarm)).length;
         seen.cells = [...document.querySelectorAll(".plot")][0].data[0].z.flat().length;
-    """
+    """  # noqa: E501
     seen = {}
     for name, right in (("right", model), ("wrong", Model.default())):
         page = compare_report(compare(campaign, right))
@@ -229,7 +229,7 @@ def test_effects_switch_on_and_off(tmp_path):
         boxes[0].focus(); boxes[0].click(); await pause(); seen.second = look();
         boxes[1].click(); await pause(); seen.none = look();
         boxes[0].click(); await pause(); seen.first = look();
-        """,
+        """,  # noqa: E501
     )
     assert seen["names"] == ["aerodynamic drag", "delay of the heave sensor"]
     assert seen["both"] == ["Heave of <run>: 100 × noise without any, 0.00 × noise with those chosen.", 5, 3, 0, 2]

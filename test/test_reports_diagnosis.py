@@ -104,10 +104,23 @@ def proposed() -> Diagnosis:
     """An unknown with two laws that the data cannot tell apart."""
     base = unknown()
     law = ProposedLaw(
-        "proposed_bump_heave_on_surge", f"a bump {NASTY}", "F exp(−((z − z₀)/w)²)", {"force": (-12.0, 0.1, "N"), "place": (8.0, 0.01, "m")},
-        "a bump in words", 41.0, 0.6, base.unknown.force, 1.0, 1.01,
-    )  # fmt: skip
-    return replace(base, laws=Laws(9, (law, replace(law, name="other", title="a raised cosine")), None, "Runs that dwell there would tell."))
+        "proposed_bump_heave_on_surge",
+        f"a bump {NASTY}",
+        "F exp(−((z − z₀)/w)²)",
+        {"force": (-12.0, 0.1, "N"), "place": (8.0, 0.01, "m")},
+        "a bump in words",
+        41.0,
+        0.6,
+        base.unknown.force,
+        1.0,
+        1.01,
+    )
+    return replace(
+        base,
+        laws=Laws(
+            9, (law, replace(law, name="other", title="a raised cosine")), None, "Runs that dwell there would tell."
+        ),
+    )
 
 
 def unlawful() -> Diagnosis:
@@ -135,10 +148,16 @@ ALL = {
         ("one", "Missing: aerodynamic drag. With it, what is left is noise."),
         ("two", "Missing: aerodynamic drag and delay of the heave sensor. With them, what is left is noise."),
         ("confused", "Missing: aerodynamic drag or skin friction drag. With it, what is left is noise."),
-        ("unknown", "No known effect explains a vertical force that depends on the place along the track (−12 N at 8.1 m)."),
+        (
+            "unknown",
+            "No known effect explains a vertical force that depends on the place along the track (−12 N at 8.1 m).",
+        ),
         (
             "one and an unknown",
-            "Missing: aerodynamic drag. Besides, a vertical force that depends on the place along the track (−12 N at 8.1 m), which no known effect explains.",
+            (
+                "Missing: aerodynamic drag. Besides, a vertical force that depends on the place along the track (−12 N"
+                " at 8.1 m), which no known effect explains."
+            ),
         ),
     ],
 )
@@ -148,7 +167,9 @@ def test_the_answer_is_one_sentence(which, sentence):
 
 def test_rivals_of_one_of_two_effects_are_unambiguous():
     result = made((DRAG, DELAY), indistinguishable={DRAG: ("skin_friction_drag",)})
-    assert verdict(result).startswith("Missing: aerodynamic drag (or skin friction drag) and delay of the heave sensor.")
+    assert verdict(result).startswith(
+        "Missing: aerodynamic drag (or skin friction drag) and delay of the heave sensor."
+    )
 
 
 @pytest.mark.parametrize("which", ALL)
@@ -177,8 +198,16 @@ def test_a_change_of_the_thrust_is_a_share_of_it():
     at = np.linspace(0, 20, 80)
     found = Unknown.of("thrust", "surge", at, 0.3 * np.exp(-((at - 8) ** 2)), np.full(80, 0.02))
     result = made(verdict="unknown_effect", unknown=found)
-    assert verdict(result) == "No known effect explains a change of the thrust that depends on the place along the track (30 % at 8.1 m)."
-    assert result.to_json()["unknown"] == {"channel": "surge", "depends_on": ["surge", "drive"], "peak": found.peak, "unit": "of the thrust"}
+    assert (
+        verdict(result)
+        == "No known effect explains a change of the thrust that depends on the place along the track (30 % at 8.1 m)."
+    )
+    assert result.to_json()["unknown"] == {
+        "channel": "surge",
+        "depends_on": ["surge", "drive"],
+        "peak": found.peak,
+        "unit": "of the thrust",
+    }
     assert "change of the thrust, %" in diagnosis_report(result)
 
 

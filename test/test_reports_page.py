@@ -44,8 +44,9 @@ def test_nothing_is_loaded_from_outside():
 
 
 def test_json_has_no_word_for_nan():
-    assert script_text({"a": [np.nan, np.inf, 1.5], "b": np.array([1.0, np.nan]), "c": np.float32(2), "d": None}) == (
-        '{"a":[null,null,1.5],"b":[1.0,null],"c":2.0,"d":null}'
+    assert (
+        script_text({"a": [np.nan, np.inf, 1.5], "b": np.array([1.0, np.nan]), "c": np.float32(2), "d": None})
+        == '{"a":[null,null,1.5],"b":[1.0,null],"c":2.0,"d":null}'
     )
 
 

@@ -1,4 +1,5 @@
-"""A sensor effect of the user's, with two parameters and a state, does the same in node, fit, compare, diagnosis and monitor."""
+"""A sensor effect of the user's, with two parameters and a state, does the same in node, fit, compare, diagnosis and
+monitor."""
 
 import json
 
@@ -43,10 +44,17 @@ def rig(tmp_path_factory):
     model = Model.create(effects={"creeping:heave": TRUTH}, effect_files=[file])
     times = np.arange(401) / 400.0
     lines = []
-    for i, (speed, sway, heave) in enumerate([(18.0, 1e-3, -4e-3), (22.0, -1e-3, -2e-3), (26.0, 5e-4, -4e-3), (30.0, 1e-3, -3e-3)]):
+    for i, (speed, sway, heave) in enumerate(
+        [(18.0, 1e-3, -4e-3), (22.0, -1e-3, -2e-3), (26.0, 5e-4, -4e-3), (30.0, 1e-3, -3e-3)]
+    ):
         run = model.simulate(times, model.initial_state(surge_rate=speed, sway=sway, heave=heave), 0.0)
         ticks = Rig({"measured.pose.rate": 400.0, "measured.twist.rate": 0.0}, model, i)
-        samples = [s for t, row in zip(times, run.outputs, strict=True) for s in ticks.step(t, row, 1 / 400) if s.sensor == "pose"]
+        samples = [
+            s
+            for t, row in zip(times, run.outputs, strict=True)
+            for s in ticks.step(t, row, 1 / 400)
+            if s.sensor == "pose"
+        ]
         table = {c: np.array([s.reading[c] for s in samples]) for c in CHANNELS}
         write_csv(folder / f"run_{i}.csv", np.array([s.time for s in samples]), table)
         lines.append(f"  - {{file: run_{i}.csv, drive_current: 0.0}}")
@@ -80,7 +88,21 @@ def test_fit_frees_its_parameters(rig, tmp_path):
     folder, _, model = rig
     model.with_changes(effects={"creeping:heave": {"share": 0.1, "speed": 20.0}}).save(folder / "near.yaml")
     free = "eta,gamma,creeping:heave.share,creeping:heave.speed"
-    assert main(["fit", str(folder), "--model", str(folder / "near.yaml"), "--free", free, "--output", str(tmp_path / "fit")]) == 0
+    assert (
+        main(
+            [
+                "fit",
+                str(folder),
+                "--model",
+                str(folder / "near.yaml"),
+                "--free",
+                free,
+                "--output",
+                str(tmp_path / "fit"),
+            ]
+        )
+        == 0
+    )
     fitted = Model.load(tmp_path / "fit" / "model.yaml").effects["creeping:heave"]
     assert fitted["share"] == pytest.approx(0.25, rel=0.1) and fitted["speed"] == pytest.approx(30.0, rel=0.2)
 
@@ -90,8 +112,15 @@ def test_the_node_measures_with_it(rig, ros, tmp_path):
     _, _, model = rig
     model.with_changes(effects={"creeping:heave": {"share": 1.0, "speed": 5.0}}).save(tmp_path / "model.yaml")
     true, read = (ros.listen(PoseStamped, f"/inductrack/{topic}") for topic in ("pose", "measured/pose"))
-    given = ("listeners:=1", "initial_state:='surge_rate=25,heave=-0.004'", "drive_current:=0.0", "measured.heave.noise:=0.0")
-    ros.start("sim", "--ros-args", "--params-file", str(tmp_path / "model.yaml"), *(word for g in given for word in ("-p", g)))
+    given = (
+        "listeners:=1",
+        "initial_state:='surge_rate=25,heave=-0.004'",
+        "drive_current:=0.0",
+        "measured.heave.noise:=0.0",
+    )
+    ros.start(
+        "sim", "--ros-args", "--params-file", str(tmp_path / "model.yaml"), *(word for g in given for word in ("-p", g))
+    )
     ros.wait(lambda: len(read) > 250 and len(true) > 250, "half a second of poses")
 
     def heave(messages):
@@ -136,9 +165,9 @@ def test_parameters_of_the_model_and_the_truth_may_be_asked_for(tmp_path):
     """Crosstalk of roll into a sensor whose scale is the nominal gap."""
     file = tmp_path / "crosstalk.py"
     file.write_text(
-        "from inductrack_ros.core.effects import Parameter, effect\n\n"
-        "@effect(changes='measured', parameters={'gain': Parameter(0.0, 'm', -1.0, 1.0, 'gain')})\n"
-        "def crosstalk(measured, roll, nominal_gap, time, gain):\n    return measured + gain * roll / nominal_gap + 0.0 * time\n"
+        "from inductrack_ros.core.effects import Parameter, effect\n\n@effect(changes='measured', parameters={'gain':"
+        " Parameter(0.0, 'm', -1.0, 1.0, 'gain')})\ndef crosstalk(measured, roll, nominal_gap, time, gain):\n    return"
+        " measured + gain * roll / nominal_gap + 0.0 * time\n"
     )
     model = Model.create(effects={"crosstalk:sway": {"gain": 1e-4}}, effect_files=[file])
     run = np.zeros(len(OUTPUTS))

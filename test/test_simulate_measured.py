@@ -64,7 +64,10 @@ def test_a_bag_holds_the_same_beside_the_truth(tmp_path):
         (times, values), (stamps, read) = csv.samples(channel), bag.samples(channel)
         assert np.abs(times - stamps).max() < 1e-9
         assert np.abs(values - read).max() < tolerance(channel) * max(1.0, np.abs(values).max())
-    topics = {name: f"/inductrack/{name}" for name in ("pose", "twist", "gap_top", "gap_left")} | {"imu": None, "gap_right": None}
+    topics = {name: f"/inductrack/{name}" for name in ("pose", "twist", "gap_top", "gap_left")} | {
+        "imu": None,
+        "gap_right": None,
+    }
     truth = read_bag(tmp_path / "bag", topics)
     assert np.abs(truth["surge"] - np.interp(truth.times, *csv.samples("surge"))).max() > 1e-4  # without noise
     assert "gap_left" in truth.channels
@@ -80,8 +83,28 @@ def test_the_seed_makes_the_noise(tmp_path):
 
 def test_a_campaign_in_one_line(tmp_path, capsys):
     """Its own model predicts it, the paper's does not; nothing in it gives the effects away but truth.yaml."""
-    runs = ["--run", "surge_rate=18,sway=0.001", "--run", "surge_rate=24,heave=-0.004,drive_current=0", "--run", "surge_rate=28,drive_current=3500"]
-    assert simulate(tmp_path, *runs, "--duration", 0.4, "--seed", 5, "--output", tmp_path / "rig", model=MODEL.replace("noise: 0.0", "noise: 3.0e-5").replace("1.0e-9", "3.0e-5")) == 0
+    runs = [
+        "--run",
+        "surge_rate=18,sway=0.001",
+        "--run",
+        "surge_rate=24,heave=-0.004,drive_current=0",
+        "--run",
+        "surge_rate=28,drive_current=3500",
+    ]
+    assert (
+        simulate(
+            tmp_path,
+            *runs,
+            "--duration",
+            0.4,
+            "--seed",
+            5,
+            "--output",
+            tmp_path / "rig",
+            model=MODEL.replace("noise: 0.0", "noise: 3.0e-5").replace("1.0e-9", "3.0e-5"),
+        )
+        == 0
+    )
     campaign = load_campaign(tmp_path / "rig")
     assert [r.drive_current for r in campaign.runs] == [7000.0, 0.0, 3500.0] and campaign.noise_std["heave"] == 3e-5
     assert "gap_left" not in campaign.noise_std and campaign.model is None
@@ -95,7 +118,21 @@ def test_a_campaign_in_one_line(tmp_path, capsys):
 
 
 def test_a_campaign_of_bags(tmp_path):
-    assert simulate(tmp_path, "--run", "surge_rate=18", "--run", "surge_rate=22", "--bags", "--duration", 0.1, "--output", tmp_path / "rig") == 0
+    assert (
+        simulate(
+            tmp_path,
+            "--run",
+            "surge_rate=18",
+            "--run",
+            "surge_rate=22",
+            "--bags",
+            "--duration",
+            0.1,
+            "--output",
+            tmp_path / "rig",
+        )
+        == 0
+    )
     assert [r.name for r in load_campaign(tmp_path / "rig").runs] == ["run_00", "run_01"]
 
 
@@ -108,16 +145,27 @@ def test_sensors_that_are_passed_over_are_said(tmp_path, capsys):
     ("model", "arguments", "said"),
     [
         (MODEL.replace("noise: 0.0", "noize: 0.0"), ["--measured"], "did you mean 'measured.heave.noise'?"),
-        (MODEL.replace("dropout: 0.5", "dropout: 1.5"), ["--measured"], "measured.gap_top.dropout = 1.5 is out of range"),
+        (
+            MODEL.replace("dropout: 0.5", "dropout: 1.5"),
+            ["--measured"],
+            "measured.gap_top.dropout = 1.5 is out of range",
+        ),
         (MODEL, ["--measured", "--seed", "-1"], "--seed -1: must lie in"),
         (MODEL, ["--run", "surge_rate=17", "--initial", "surge_rate=17"], "leave --initial out"),
         (MODEL, ["--run", "surge_rate=17,drive_current=-5"], "drive_current = -5 is out of range"),
         (MODEL, ["--run", "speed=17"], "unknown name 'speed'"),
         (MODEL, ["--bags"], "--bags: is for a campaign"),
         (MODEL, ["--run", "surge_rate=17", "--output", "rig.csv"], "with --run a folder is written"),
-        ("measured: {pose: {rate: 0.0}, twist: {rate: 0.0}, imu: {rate: 0.0}, gap_top: {rate: 0.0}, gap_left: {rate: 0.0}, gap_right: {rate: 0.0}}", ["--measured"], "deliver nothing"),
+        (
+            (
+                "measured: {pose: {rate: 0.0}, twist: {rate: 0.0}, imu: {rate: 0.0}, gap_top: {rate: 0.0}, gap_left:"
+                " {rate: 0.0}, gap_right: {rate: 0.0}}"
+            ),
+            ["--measured"],
+            "deliver nothing",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused(tmp_path, capsys, model, arguments, said):
     output = [] if "--output" in arguments else ["--output", tmp_path / ("rig" if "--run" in arguments else "run.csv")]
     assert simulate(tmp_path, *arguments, *output, model=model) == 2

@@ -13,7 +13,9 @@ QUICK = ("--duration", "0.3", "--rate", "100")
 
 
 def run(folder, *arguments):
-    return cli.main(["sweep", *arguments, *(a for a in QUICK if "--duration" not in arguments), "--output", str(folder / "maps")])
+    return cli.main(
+        ["sweep", *arguments, *(a for a in QUICK if "--duration" not in arguments), "--output", str(folder / "maps")]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -27,26 +29,43 @@ def fitted(tmp_path_factory):
 def planned(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
     (folder / "campaign.yaml").write_text(
-        "runs:\n"
-        "  - {file: slow.csv, drive_current: 0.0, initial_state: {surge_rate: 14.0}}\n"
-        "  - {file: fast.csv, drive_current: 7000.0, initial_state: {surge_rate: 28.0}, conditions: {mass: 9.0, weather: 3.0}}\n"
-        "  - {file: when_we_know_more.csv, drive_current: 3500.0}\n"
+        "runs:\n  - {file: slow.csv, drive_current: 0.0, initial_state: {surge_rate: 14.0}}\n  - {file: fast.csv,"
+        " drive_current: 7000.0, initial_state: {surge_rate: 28.0}, conditions: {mass: 9.0, weather: 3.0}}\n  - {file:"
+        " when_we_know_more.csv, drive_current: 3500.0}\n"
     )
     return str(folder)
 
 
 def test_a_map_with_planned_runs(tmp_path, capsys, planned):
     xarray = pytest.importorskip("xarray")
-    assert run(tmp_path, "--over", "surge_rate=12:30:7", "--over", "drive_current=0:7000:5", "--campaign", planned, "--duration", "1.5") == 0
+    assert (
+        run(
+            tmp_path,
+            "--over",
+            "surge_rate=12:30:7",
+            "--over",
+            "drive_current=0:7000:5",
+            "--campaign",
+            planned,
+            "--duration",
+            "1.5",
+        )
+        == 0
+    )
     said = capsys.readouterr().out
-    assert re.search(r"Over 1\.5 s \d+ of 35 runs fly clear of the track", said) and str(tmp_path / "maps" / "report.html") in said
+    assert (
+        re.search(r"Over 1\.5 s \d+ of 35 runs fly clear of the track", said)
+        and str(tmp_path / "maps" / "report.html") in said
+    )
     assert sorted(p.name for p in (tmp_path / "maps").iterdir()) == ["report.html", "sweep.nc"]
     page = (tmp_path / "maps" / "report.html").read_text()
     assert "Of 3 planned runs 1 touches the track: slow after" in page
     assert "Too little is known of when_we_know_more to draw" in page and "not used: weather" in page
     with xarray.open_dataset(tmp_path / "maps" / "sweep.nc") as back:
         assert back["planned_run"].values.tolist() == ["slow", "fast", "when_we_know_more"]
-        assert back["planned_at_surge_rate"].values[:2].tolist() == [14.0, 28.0] and np.isnan(back["planned_at_surge_rate"].values[2])
+        assert back["planned_at_surge_rate"].values[:2].tolist() == [14.0, 28.0] and np.isnan(
+            back["planned_at_surge_rate"].values[2]
+        )
         model = Model.default().with_changes({"mass": 9.0})
         flown = model.simulate(np.arange(751) / 500.0, model.initial_state(surge_rate=28.0))
         assert back["planned_travel"].values[1] == pytest.approx(flown["surge"][-1], rel=1e-9)
@@ -55,18 +74,41 @@ def test_a_map_with_planned_runs(tmp_path, capsys, planned):
 def test_an_axis_that_changes_nothing_is_said(tmp_path, capsys):
     """A wave of no height has any length."""
     assert run(tmp_path, "--over", "guideway_waviness.wavelength=0.5,1", "--over", "surge_rate=20,30") == 0
-    assert "Nothing changes along guideway_waviness.wavelength: the model's other values leave it without effect." in capsys.readouterr().out
+    assert (
+        "Nothing changes along guideway_waviness.wavelength: the model's other values leave it without effect."
+        in capsys.readouterr().out
+    )
 
 
 def test_draws_by_one_axis(tmp_path, capsys, fitted):
     assert run(tmp_path, "--over", "surge_rate=14:40:5", "--model", fitted, "--samples", "6") == 0
     page = (tmp_path / "maps" / "report.html").read_text()
-    assert "6 draws" in page and "<code>eta</code>" in page and "bias" not in page.split("Uncertainty</h2>")[1].split("</table>")[0]
+    assert (
+        "6 draws" in page
+        and "<code>eta</code>" in page
+        and "bias" not in page.split("Uncertainty</h2>")[1].split("</table>")[0]
+    )
 
 
 def test_the_same_seed_gives_the_same_numbers(tmp_path, fitted):
     for name in ("a", "b"):
-        assert cli.main(["sweep", "--over", "surge_rate=20,30", "--model", fitted, "--samples", "4", *QUICK, "--output", str(tmp_path / name)]) == 0
+        assert (
+            cli.main(
+                [
+                    "sweep",
+                    "--over",
+                    "surge_rate=20,30",
+                    "--model",
+                    fitted,
+                    "--samples",
+                    "4",
+                    *QUICK,
+                    "--output",
+                    str(tmp_path / name),
+                ]
+            )
+            == 0
+        )
     assert (tmp_path / "a" / "sweep.nc").read_bytes() == (tmp_path / "b" / "sweep.nc").read_bytes()
 
 
@@ -92,10 +134,19 @@ def test_the_same_seed_gives_the_same_numbers(tmp_path, fitted):
         (("--over", "eta=.5:1:3", "--over", "gamma=1:2:3", "--over", "mass=1:2:3"), "one axis or two"),
         (("--over", "sensor_bias:heave.bias=0:1:3"), "a sensor's, which changes no run"),
         (("--over", "track_temperature=0:40:3"), "no effect of the model asks for it"),
-        (("--over", "stand_in_surge.values=0:1:3"), "holds a table; name one entry of it, e.g. stand_in_surge.values[0]"),
-        (("--over", "surge_rate=10:40:2000", "--over", "drive_current=0:7000:2000"), "make 4000000 runs (2000 × 2000 points, 1 runs each); at most"),
+        (
+            ("--over", "stand_in_surge.values=0:1:3"),
+            "holds a table; name one entry of it, e.g. stand_in_surge.values[0]",
+        ),
+        (
+            ("--over", "surge_rate=10:40:2000", "--over", "drive_current=0:7000:2000"),
+            "make 4000000 runs (2000 × 2000 points, 1 runs each); at most",
+        ),
         (("--over", "surge_rate=10:40:3", "--samples", "0"), "--samples 0: give 1 or more"),
-        (("--over", "surge_rate=10:40:3", "--samples", "5"), "carries no covariance; give --model a model.yaml that inductrack fit or diagnose wrote"),
+        (
+            ("--over", "surge_rate=10:40:3", "--samples", "5"),
+            "carries no covariance; give --model a model.yaml that inductrack fit or diagnose wrote",
+        ),
         (("--over", "surge_rate=10:40:3", "--initial", "surge_rate=12"), "surge_rate is an axis of the sweep already"),
         (("--over", "surge_rate=10:40:3", "--initial", "swai=12"), "unknown name 'swai'; did you mean 'sway'?"),
         (("--over", "drive_current=1:40:3", "--drive-current", "12"), "give one of them"),

@@ -1,4 +1,5 @@
-"""A sweep's numbers are those of single runs, and of algebra where there is any; what draws make of them is what the covariance says."""
+"""A sweep's numbers are those of single runs, and of algebra where there is any; what draws make of them is what the
+covariance says."""
 
 import json
 
@@ -49,7 +50,9 @@ def alone(model, times, **initial):
 
 @pytest.mark.parametrize("effects", [(), ("viscous_drag", "coil_current_dynamics")])
 def test_a_point_is_the_run_that_simulate_gives(effects):
-    p = plan(Model.create(effects=effects), ["surge_rate=14:30:4", "drive_current=0,7000"], {"sway": 0.002}, duration=1.5)
+    p = plan(
+        Model.create(effects=effects), ["surge_rate=14:30:4", "drive_current=0,7000"], {"sway": 0.002}, duration=1.5
+    )
     found = sweep(p)
     assert found.values["stable"].shape == (4, 2)
     touching = np.isfinite(found.values["first_contact"])
@@ -64,7 +67,14 @@ def test_a_point_is_the_run_that_simulate_gives(effects):
 def test_lanes_give_the_same_as_few_runs():
     """Above `MANY` runs fly side by side."""
     many = sweep(plan(Model.default(), ["surge_rate=18:30:520"], {}, duration=0.5))
-    few = sweep(plan(Model.default(), [f"surge_rate={','.join(repr(float(v)) for v in many.plan.axes[0].values[::173])}"], {}, duration=0.5))
+    few = sweep(
+        plan(
+            Model.default(),
+            [f"surge_rate={','.join(repr(float(v)) for v in many.plan.axes[0].values[::173])}"],
+            {},
+            duration=0.5,
+        )
+    )
     for name in NAMES:
         assert many.values[name][::173] == pytest.approx(few.values[name], rel=1e-7, abs=1e-9, nan_ok=True), name
 
@@ -88,15 +98,28 @@ def test_no_equilibrium_is_no_run_and_the_others_are_flown():
 
 
 def test_the_hover_gap_is_that_of_the_papers_equations():
-    """Heave alone, at a held speed: (6), (36) and m g give the gap in closed form, for the sides' arrays pull down what they lift the top's."""
+    """Heave alone, at a held speed: (6), (36) and m g give the gap in closed form, for the sides' arrays pull down what
+    they lift the top's."""
     model = Model.create({"contact_stiffness": 0.0, "contact_damping": 0.0}, dof=1)
     found = sweep(plan(model, ["surge_rate=12:40:15"], {}, duration=0.5))
     p, k = model.parameters, 2 * np.pi / model.parameters["wavelength"]
     for speed, gap in zip(found.plan.axes[0].values, found.values["hover_gap"], strict=True):
         x = k * speed * p["inductance"] / p["resistance"]
-        per_overlap = p["coils_per_wavelength"] * p["peak_field"] * p["eta"] * p["peak_field"] / k / p["inductance"] * x**2 / (1 + x**2)
+        per_overlap = (
+            p["coils_per_wavelength"]
+            * p["peak_field"]
+            * p["eta"]
+            * p["peak_field"]
+            / k
+            / p["inductance"]
+            * x**2
+            / (1 + x**2)
+        )
         heave = gap - p["nominal_gap"]
-        top, side = p["width_top"] * np.exp(-k * gap), p["width_side"] * np.exp(-k * (p["nominal_gap"] - np.sqrt(0.5) * heave))
+        top, side = (
+            p["width_top"] * np.exp(-k * gap),
+            p["width_side"] * np.exp(-k * (p["nominal_gap"] - np.sqrt(0.5) * heave)),
+        )
         lift = per_overlap * (top + 2 * side) * (top - 2 * np.sqrt(0.5) * side)
         assert lift == pytest.approx(p["mass"] * p["gravity"], rel=1e-9)
 
@@ -104,7 +127,9 @@ def test_the_hover_gap_is_that_of_the_papers_equations():
 def test_drag_takes_its_speed_by_the_textbooks_law():
     """No magnets, nothing but air: v = v0 / (1 + v0 ρ A t / 2m)."""
     model = Model.create({"peak_field": 0.0, "gravity": 0.0}, dof=2)
-    found = sweep(plan(model, ["aerodynamic_drag.drag_area=0.1:0.4:4"], {"surge_rate": 30.0, "heave": 0.0}, duration=2.0))
+    found = sweep(
+        plan(model, ["aerodynamic_drag.drag_area=0.1:0.4:4"], {"surge_rate": 30.0, "heave": 0.0}, duration=2.0)
+    )
     p = model.parameters
     rate = 30.0 * p["air_density"] * found.plan.axes[0].values / (2 * p["mass"])
     assert found.values["final_speed"] == pytest.approx(30.0 / (1 + 2.0 * rate), rel=1e-7)
@@ -129,13 +154,20 @@ def test_the_spread_is_the_covariances_linear_prediction():
     for name in ("hover_gap", "travel", "final_speed"):
         slopes = []
         for parameter, std in small.std.items():
-            ends = [sweep(Plan(moved.with_changes({parameter: moved.parameters[parameter] + s * std}), axes, {}, 0.5, 200.0)).values[name] for s in (1, -1)]
+            ends = [
+                sweep(
+                    Plan(moved.with_changes({parameter: moved.parameters[parameter] + s * std}), axes, {}, 0.5, 200.0)
+                ).values[name]
+                for s in (1, -1)
+            ]
             slopes.append((ends[0] - ends[1]) / (2 * std))
         by_rule = np.sqrt(np.einsum("pi,pq,qi->i", slopes, small.covariance, slopes))
         by_draws = np.sqrt(np.einsum("pi,pq,qi->i", slopes, np.cov(p.draws.values.T), slopes))
         assert found.spread.std[name] == pytest.approx(by_draws, rel=0.02), name  # these very draws
         assert by_draws == pytest.approx(by_rule, rel=0.15)  # 400 of them: 3.5 % a standard deviation
-        assert (found.spread.low[name] < found.values[name]).all() and (found.values[name] < found.spread.high[name]).all()
+        assert (found.spread.low[name] < found.values[name]).all() and (
+            found.values[name] < found.spread.high[name]
+        ).all()
 
 
 def test_draws_have_the_covariance_and_stay_in_range():

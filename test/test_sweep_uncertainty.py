@@ -56,14 +56,16 @@ def test_a_node_loads_it(tmp_path):
     """The real parser of ROS 2, through the overrides that every node of ours goes through."""
     pytest.importorskip("rclpy")
     program = (
-        "import sys, rclpy\nfrom inductrack_ros.nodes.overrides import readable\n"
-        "with readable(sys.argv) as (given, found):\n"
-        "    rclpy.init(args=given)\n"
-        "    node = rclpy.create_node('sim', namespace='/inductrack', automatically_declare_parameters_from_overrides=True)\n"
-        "    print(node.get_parameter('eta').value, found.unused('/inductrack/sim'), node.has_parameter('covariance'))\n"
+        "import sys, rclpy\nfrom inductrack_ros.nodes.overrides import readable\nwith readable(sys.argv) as (given,"
+        " found):\n    rclpy.init(args=given)\n    node = rclpy.create_node('sim', namespace='/inductrack',"
+        " automatically_declare_parameters_from_overrides=True)\n    print(node.get_parameter('eta').value,"
+        " found.unused('/inductrack/sim'), node.has_parameter('covariance'))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program, "--ros-args", "--params-file", str(saved(tmp_path))], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", program, "--ros-args", "--params-file", str(saved(tmp_path))],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.stdout.split("\n")[0] == "0.7 [] False", done.stdout + done.stderr
 

@@ -32,7 +32,13 @@ class Shell:
         path = f"{BIN}{os.pathsep}{os.environ['PATH']}"
         environment = os.environ | {"HOME": str(home), "INDUCTRACK_CACHE": str(cache_folder()), "PATH": path}
         self._bash = subprocess.Popen(
-            ["bash"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT, env=environment
+            ["bash"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            cwd=ROOT,
+            env=environment,
         )
         self.said, self._blocks = "", 0
         threading.Thread(target=self._listen, daemon=True).start()
@@ -43,12 +49,15 @@ class Shell:
             self.said += line
 
     def run(self, block: str) -> int:
-        """Type a block and wait for its end; returns where its words begin. A last command that fails fails the test."""
+        """Type a block and wait for its end; returns where its words begin. A last command that fails fails the
+        test."""
         begin, self._blocks = len(self.said), self._blocks + 1
         end = f"block {self._blocks} ended with"
         self._bash.stdin.write(f"{block}\necho {end} $?\n")
         self._bash.stdin.flush()
-        wait_until(lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}", patience=600.0)  # a whole diagnosis
+        wait_until(
+            lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}", patience=600.0
+        )  # a whole diagnosis
         status = re.search(f"{end} (\\d+)\n", self.said)[1]
         assert status == "0" or block.startswith("kill"), self.said[begin:]
         return begin
@@ -72,14 +81,18 @@ def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
         shell.close()
     assert "Traceback" not in shell.said and "command not found" not in shell.said, shell.said
     bags = list((tmp_path / "tutorial/rig").glob("driven_*"))
-    assert len(bags) == 3 and min(read_bag(bag).times[-1] for bag in bags) > 1.59  # simulated, however busy the machine is
+    assert (
+        len(bags) == 3 and min(read_bag(bag).times[-1] for bag in bags) > 1.59
+    )  # simulated, however busy the machine is
     found = json.loads((tmp_path / "tutorial/report/diagnose/diagnosis.json").read_text())
     angle = found["parameters"]["track_slope.angle"]
     hidden = float(re.search(r"angle: ([\d.]+)", TEXT)[1])
     assert found["effects"] == ["track_slope"] and abs(angle["value"] - hidden) < 5 * angle["std"] < 0.2 * hidden
     added = json.loads((tmp_path / "tutorial/report/mine/diagnosis.json").read_text())
     assert [round(s["reduced_chi2"]) for s in added["steps"]][-1] == 1 < added["steps"][0]["reduced_chi2"] / 1.5
-    assert {"compare", "diagnose", "after", "mine"} == {p.parent.name for p in (tmp_path / "tutorial/report").glob("*/report.html")}
+    assert {"compare", "diagnose", "after", "mine"} == {
+        p.parent.name for p in (tmp_path / "tutorial/report").glob("*/report.html")
+    }
 
 
 def test_links_lead_to_files():

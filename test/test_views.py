@@ -131,7 +131,8 @@ def test_the_simulator_publishes_what_viewers_draw(ros):
 
 
 def test_a_gap_sensors_range_ends_on_the_track():
-    """From the frames in /tf and /tf_static, a range along the sensor's x comes to lie on the track's face, wherever the cradle is."""
+    """From the frames in /tf and /tf_static, a range along the sensor's x comes to lie on the track's face, wherever
+    the cradle is."""
     model = Model.default()
     p = model.parameters
     x = model.initial_state(surge_rate=15.0, sway=0.002, heave=-0.003, roll=0.02)
@@ -146,7 +147,9 @@ def test_a_gap_sensors_range_ends_on_the_track():
     assert (cradle.header.frame_id, cradle.child_frame_id) == ("rig1/track", "rig1/cradle")
     offset, side = p["magnet_side_offset"], p["magnet_side_height"]
     centres = (0.0, p["magnet_top_height"]), (-offset, side), (offset, side)
-    for sensor, gap, centre, outward in zip(gap_transforms(Time(), "rig1/cradle", "rig1/", p), GAPS, centres, OUTWARD, strict=True):
+    for sensor, gap, centre, outward in zip(
+        gap_transforms(Time(), "rig1/cradle", "rig1/", p), GAPS, centres, OUTWARD, strict=True
+    ):
         assert (sensor.header.frame_id, sensor.child_frame_id) == ("rig1/cradle", f"rig1/{gap}")
         seen = placed(cradle, placed(sensor, np.array([[truth[gap], 0.0, 0.0], [0.0, 0.0, 0.0]])))
         surface = np.array(centre) - p["nominal_gap"] * np.array(outward)

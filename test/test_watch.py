@@ -49,14 +49,18 @@ def test_the_screen_shows_state_forces_pulses_and_the_verdict_in_newtons():
     assert re.search(r"total +1\.00 +2\.00 +-3\.50 +0\.25", shown)
     assert "fired pulses 7, late pulses 2, last: coil 12, -7000 A" in shown
     assert "monitor: fails in surge above 20 m/s" in shown and "out of bounds" not in shown
-    assert "missing now: surge −4 ± 0.5 N (8.0 σ), sway 0.1 ± 0.2 N (0.5 σ), roll 0.01 ± 0.02 N·m (0.5 σ)" in " ".join(shown.split())
+    assert "missing now: surge −4 ± 0.5 N (8.0 σ), sway 0.1 ± 0.2 N (0.5 σ), roll 0.01 ± 0.02 N·m (0.5 σ)" in " ".join(
+        shown.split()
+    )
 
 
 def test_silence_is_said():
     view = full_view()
     assert "nothing new" not in as_text(view) and "silent" not in line(view)
     view.now += 10.0
-    assert "nothing new for 10 s" in as_text(view) and "monitor: fails in surge above 20 m/s (silent for 10 s)" in line(view)
+    assert "nothing new for 10 s" in as_text(view) and "monitor: fails in surge above 20 m/s (silent for 10 s)" in line(
+        view
+    )
     assert "Start sim" in as_text(View("/rig")) and line(View("/rig")) == "/rig: nothing is heard yet"
 
 
@@ -64,7 +68,9 @@ def test_messages_become_plain_data():
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
     from sensor_msgs.msg import Imu
 
-    array = DiagnosticArray(status=[DiagnosticStatus(level=DiagnosticStatus.WARN, values=[KeyValue(key="a", value="1")])])
+    array = DiagnosticArray(
+        status=[DiagnosticStatus(level=DiagnosticStatus.WARN, values=[KeyValue(key="a", value="1")])]
+    )
     assert yaml.safe_load(yaml.safe_dump(plain(array)))["status"][0]["level"] == 1
     columns = dict(flat(plain(Imu())))
     assert columns["orientation_covariance[8]"] == 0.0 and "linear_acceleration.x" in columns
@@ -84,7 +90,7 @@ def test_a_running_simulator_is_seen(ros):
     ros.start("monitor", *apart)
     once = ros.start("inductrack", "watch", "twist", "-n", "rig", "--once")
     assert once.wait() == 0
-    (message, _) = once.output.split("---\n")
+    message, _ = once.output.split("---\n")
     assert yaml.safe_load(message)["header"]["frame_id"] == "track"
     live = ros.start("inductrack", "watch", "--namespace", "rig")
     table = ros.start("inductrack", "watch", "measured/pose", "--csv", "-n", "/rig")
@@ -112,7 +118,9 @@ def test_a_running_simulator_is_seen(ros):
 def test_ctrl_c_in_a_terminal_leaves_the_last_view(ros):
     ros.start("sim")
     master, slave = pty.openpty()
-    process = subprocess.Popen([INDUCTRACK, "watch"], stdout=slave, stderr=slave, stdin=slave, env={**os.environ, "TERM": "xterm"})
+    process = subprocess.Popen(
+        [INDUCTRACK, "watch"], stdout=slave, stderr=slave, stdin=slave, env={**os.environ, "TERM": "xterm"}
+    )
     os.close(slave)
     said = b""
     try:

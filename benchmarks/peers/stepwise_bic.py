@@ -1,14 +1,15 @@
 """Stepwise selection by BIC over `scipy.optimize.least_squares` fits in simulation.
 
-Forward: every effect of the catalogue and every sensor fault is fitted beside what was accepted, with η, γ and each run's
-initial state free; the one that lowers BIC most stays, until none does. Backward: whatever BIC prefers without goes.
+Forward: every effect of the catalogue and every sensor fault is fitted beside what was accepted, with η, γ and each
+    run's initial state free; the one that lowers BIC most stays, until none does. Backward: whatever BIC prefers
+    without goes.
 
-What helps it: the compiled simulator and its derivatives, the growing horizon of the first fit, the noise level of channels
-for which none is given, and a switch (an effect without parameters) costs one parameter. There is no screen: every candidate
-gets `QUICK` evaluations, which take the initial states' derivatives from the fit before, and the `CLOSEST` of them `FULL` with
-all derivatives fresh. What hurts it: BIC does not allow for how many candidates are tried; and a candidate is not fitted over
-growing horizons again, so where the model without it loses long powered runs, the true effect may not be recognised.
-"""
+What helps it: the compiled simulator and its derivatives, the growing horizon of the first fit, the noise level of
+    channels for which none is given, and a switch (an effect without parameters) costs one parameter. There is no
+    screen: every candidate gets `QUICK` evaluations, which take the initial states' derivatives from the fit before,
+    and the `CLOSEST` of them `FULL` with all derivatives fresh. What hurts it: BIC does not allow for how many
+    candidates are tried; and a candidate is not fitted over growing horizons again, so where the model without it loses
+    long powered runs, the true effect may not be recognised."""
 
 from __future__ import annotations
 
@@ -31,9 +32,11 @@ from . import Found
 
 #: Evaluations for every candidate, for the closest few, and those few.
 QUICK, FULL, CLOSEST = 4, 15, 8
-#: Horizons (s) over which the first fit grows, for one long fit from a noisy start loses powered runs; evaluations on each.
+#: Horizons (s) over which the first fit grows, for one long fit from a noisy start loses powered runs; evaluations on
+#: each.
 HORIZONS, FIRST = (0.15, 0.4, 0.8, 1.1, 1.4, 1.7), 30
-#: Effects at the most. No campaign hides more than three; where none fits, BIC would go on for as long as there are any.
+#: Effects at the most. No campaign hides more than three; where none fits, BIC would go on for as long as there are
+#: any.
 MOST = 5
 #: Residuals and derivatives over noise are cut here: those of a simulation that has left all bounds.
 LOST = 1e8
@@ -65,7 +68,8 @@ class Refitter:
     def __init__(self, problem: Problem):
         self.problem = problem
         self.guesses = [d.guess for d in problem.runs]
-        #: Residuals to keep for samples that a late sensor's model cannot predict, so that leaving them out wins nothing.
+        #: Residuals to keep for samples that a late sensor's model cannot predict, so that leaving them out wins
+        #: nothing.
         self.known = [np.ones(len(d.y)) for d in problem.runs]
         self.splits = np.cumsum([0] + [len(d.free_states) for d in problem.runs])
 
@@ -145,7 +149,8 @@ class Refitter:
         return self.fit(structure, z, FULL)
 
     def starts(self, fitted: Fitted, name: str) -> Sequence[dict[str, float]]:
-        """Where an effect's parameters start: where it vanishes; a wave at the peaks of the residual's spectrum along the track."""
+        """Where an effect's parameters start: where it vanishes; a wave at the peaks of the residual's spectrum along
+        the track."""
         if name != "guideway_waviness":
             return [{}]
         g = len(fitted.structure.free)

@@ -1,4 +1,5 @@
-"""A run's equations of motion in PySINDy's weak form, and what each effect and each sensor fault would leave of them."""
+"""A run's equations of motion in PySINDy's weak form, and what each effect and each sensor fault would leave of
+them."""
 
 from __future__ import annotations
 
@@ -18,22 +19,26 @@ from inductrack_ros.estimation.problem import RunData
 from inductrack_ros.estimation.response import STATE_STEPS, gap_geometry
 from inductrack_ros.estimation.structure import Structure
 
-#: Half-width (s) of the test functions, their number for each half-width of a run, and the spacing (s) of the grid they live on.
+#: Half-width (s) of the test functions, their number for each half-width of a run, and the spacing (s) of the grid they
+#: live on.
 HALF_WIDTH, DENSITY, GRID = 0.06, 3.0, 2e-3
 #: Cut-off (Hz) of the smoothing splines: well above what the cradle does, for the test functions smooth too.
 CUTOFF = 40.0
-#: A gap (m) this small may be contact, whose force no smoothed measurement gives; a hole (s) that no spline should bridge.
+#: A gap (m) this small may be contact, whose force no smoothed measurement gives; a hole (s) that no spline should
+#: bridge.
 CONTACT, HOLE = 2e-4, 0.025
 #: Step of the parameters' differences, in typical sizes.
 STEP = 2e-3
-#: Prior width (m, rad) of the coordinates where gaps do not tell them all; what follows the gaps by less than `TOLD` is not told.
+#: Prior width (m, rad) of the coordinates where gaps do not tell them all; what follows the gaps by less than `TOLD` is
+#: not told.
 WIDE, TOLD = 2.0, 0.9
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A run as the weak form sees it: states (n, 8) on a uniform grid, measured accelerations (n, 4; NaN where none), and for each
-    channel that tells a place what a unit of it moves the coordinates (4,), and what a unit of each coordinate moves it (4,)."""
+    """A run as the weak form sees it: states (n, 8) on a uniform grid, measured accelerations (n, 4; NaN where none),
+    and for each channel that tells a place what a unit of it moves the coordinates (4,), and what a unit of each
+    coordinate moves it (4,)."""
 
     times: np.ndarray
     states: np.ndarray
@@ -78,8 +83,8 @@ def smooth(run: Run, values: np.ndarray, model: Model, sigma: Mapping[str, float
 
 
 class WeakRun:
-    """One run's equations in weak form: rows for the accelerations of the coordinates that move, for those accelerations that are
-    measured, and for rates measured beside their coordinates."""
+    """One run's equations in weak form: rows for the accelerations of the coordinates that move, for those
+    accelerations that are measured, and for rates measured beside their coordinates."""
 
     def __init__(self, data: RunData, structure: Structure, sigma: Mapping[str, float], dof: int):
         self.data, self.structure, self.sigma = data, structure, sigma
@@ -146,7 +151,8 @@ class WeakRun:
         return found, gaps
 
     def _follow(self, slope: Callable, rows: np.ndarray) -> np.ndarray:
-        """Effects' own states (n, e), whose rates are linear in them, lagging behind their steady values: y = s + A⁻¹ ṡ."""
+        """Effects' own states (n, e), whose rates are linear in them, lagging behind their steady values: y = s + A⁻¹
+        ṡ."""
         times, extra = self.smoothed.times, rows.shape[1] - 8
         steady, inverse = np.zeros((len(times), extra)), np.zeros((len(times), extra, extra))
         for k, (t, row) in enumerate(zip(times, rows, strict=True)):
@@ -195,8 +201,8 @@ class WeakRun:
     def of_fault(self, fault: str, channel: str) -> np.ndarray:
         """Rows (equations, K, 1) that a unit of a sensor's fault would leave, to first order.
 
-        The slopes are the nominal model's: those of the measurements hold the target's own noise, and FROLS would find it there.
-        """
+        The slopes are the nominal model's: those of the measurements hold the target's own noise, and FROLS would find
+        it there."""
         s, run = self.smoothed, self.data.run
         if channel not in run.channels:
             return np.zeros((len(self.equations), len(self.integral), 1))

@@ -11,7 +11,13 @@ from . import growth, many_runs, node, one_run, refits
 from .timing import machine
 
 PARTS = {"run": one_run, "ensemble": many_runs, "refits": refits, "node": node, "growth": growth}
-TITLES = {"run": "One run", "ensemble": "An ensemble", "refits": "Fit and diagnosis", "node": "The node", "growth": "Growth"}
+TITLES = {
+    "run": "One run",
+    "ensemble": "An ensemble",
+    "refits": "Fit and diagnosis",
+    "node": "The node",
+    "growth": "Growth",
+}
 BASELINE = Path(__file__).with_name("baseline.json")
 #: A ratio that falls below this part of the baseline's is a regression.
 ALLOWED = 0.75
@@ -37,16 +43,26 @@ def ratios(found: dict) -> dict[str, float]:
 
 def worse(now: dict[str, float], before: dict[str, float]) -> list[str]:
     """What has fallen by more than a quarter."""
-    return [f"{n}: {now[n]:.3g} times as fast, was {before[n]:.3g}" for n in before if n in now and now[n] < ALLOWED * before[n]]
+    return [
+        f"{n}: {now[n]:.3g} times as fast, was {before[n]:.3g}"
+        for n in before
+        if n in now and now[n] < ALLOWED * before[n]
+    ]
 
 
 def main() -> int:
     """Measure, write, compare."""
-    parser = argparse.ArgumentParser(prog="performance", description="Ours against its peers, in one run on this machine.")
+    parser = argparse.ArgumentParser(
+        prog="performance", description="Ours against its peers, in one run on this machine."
+    )
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--output", type=Path, default=Path("build/performance.json"), help="JSON; a .md table beside it")
+    parser.add_argument(
+        "--output", type=Path, default=Path("build/performance.json"), help="JSON; a .md table beside it"
+    )
     parser.add_argument("--quick", action="store_true", help="fewer repeats, no diagnosis, no bags")
-    parser.add_argument("--check", action="store_true", help="quick, and fail where a ratio is a quarter worse than the baseline's")
+    parser.add_argument(
+        "--check", action="store_true", help="quick, and fail where a ratio is a quarter worse than the baseline's"
+    )
     parser.add_argument("--baseline", action="store_true", help="quick, and make this the baseline")
     parser.add_argument("--bag-seconds", type=float, default=480.0, help="length of the longest bag; 3600 for the hour")
     given = parser.parse_args()
@@ -69,7 +85,14 @@ def main() -> int:
     if given.check:
         before = json.loads(BASELINE.read_text())
         problems = worse(ratios(found), before["ratios"])
-        print("\n" + ("\n".join(["slower than the baseline:", *problems]) if problems else f"no ratio is a quarter worse than on {before['machine']['processor']}"))
+        print(
+            "\n"
+            + (
+                "\n".join(["slower than the baseline:", *problems])
+                if problems
+                else f"no ratio is a quarter worse than on {before['machine']['processor']}"
+            )
+        )
         return bool(problems)
     return 0
 

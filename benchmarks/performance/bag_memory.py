@@ -1,4 +1,5 @@
-"""Peak memory (MB) of recording a bag of pose and twist at 1 kHz, reading or playing it: bag_memory.py record|read|play BAG SECONDS."""
+"""Peak memory (MB) of recording a bag of pose and twist at 1 kHz, reading or playing it: bag_memory.py record|read|play
+BAG SECONDS."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ def record(bag: str | Path, seconds: float) -> None:
     T = types.types
     header = T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](0, 0), "track")
     zero = T["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
-    pose = T["geometry_msgs/msg/Pose"](T["geometry_msgs/msg/Point"](0.0, 0.0, 0.0), T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0))
+    pose = T["geometry_msgs/msg/Pose"](
+        T["geometry_msgs/msg/Point"](0.0, 0.0, 0.0), T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    )
     messages = {
         "/inductrack/pose": T["geometry_msgs/msg/PoseStamped"](header, pose),
         "/inductrack/twist": T["geometry_msgs/msg/TwistStamped"](header, T["geometry_msgs/msg/Twist"](zero, zero)),

@@ -1,4 +1,5 @@
-"""5. How cost grows: processor time over runs, samples and candidates, which should be linear; memory over a bag's length."""
+"""5. How cost grows: processor time over runs, samples and candidates, which should be linear; memory over a bag's
+length."""
 
 from __future__ import annotations
 
@@ -45,9 +46,20 @@ def measure(quick: bool, bag_seconds: float | None = None) -> dict:
     repeats = 3 if quick else 5
     states, parameters, _ = draw(model, SPEEDS["all touch down"], 4000)
     sizes = [500, 1000, 2000, 4000]  # all of them fly side by side, which fewer do not
-    found["runs"] = sizes, [_seconds(lambda n=n: ensemble(model, TIMES, states[:n], {k: v[:n] for k, v in parameters.items()}), repeats) for n in sizes]
-    times = [np.linspace(0.0, 3.0, n) for n in (1501, 3001, 6001, 12001, 24001)]  # each row a step: fewer are not cheaper
-    found["samples of a run"] = [t.size for t in times], [_seconds(lambda t=t: model.simulate(t, states[0]), 3 * repeats) for t in times]
+    found["runs"] = (
+        sizes,
+        [
+            _seconds(lambda n=n: ensemble(model, TIMES, states[:n], {k: v[:n] for k, v in parameters.items()}), repeats)
+            for n in sizes
+        ],
+    )
+    times = [
+        np.linspace(0.0, 3.0, n) for n in (1501, 3001, 6001, 12001, 24001)
+    ]  # each row a step: fewer are not cheaper
+    found["samples of a run"] = (
+        [t.size for t in times],
+        [_seconds(lambda t=t: model.simulate(t, states[0]), 3 * repeats) for t in times],
+    )
     problem, base, _ = base_fit(load_campaign(CAMPAIGN), model)
     state, systems = State(base), linearise_all(problem, base)
     screening = screen(problem, base, systems)
@@ -68,13 +80,16 @@ def measure(quick: bool, bag_seconds: float | None = None) -> dict:
 
 
 def _memory(seconds: float) -> dict[str, float]:
-    """Peak memory (MB) of a process that records a bag of pose and twist at 1 kHz, of one that reads it and of one that plays it."""
+    """Peak memory (MB) of a process that records a bag of pose and twist at 1 kHz, of one that reads it and of one that
+    plays it."""
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "bag"
         command = [sys.executable, str(Path(__file__).with_name("bag_memory.py"))]
         peaks = {}
         for what in ("record", "read", "play"):
-            said = subprocess.run([*command, what, str(bag), str(seconds)], check=True, capture_output=True, text=True).stdout
+            said = subprocess.run(
+                [*command, what, str(bag), str(seconds)], check=True, capture_output=True, text=True
+            ).stdout
             peaks[what] = float(said.split()[-1])
         return peaks
 
@@ -91,10 +106,18 @@ def plot(found: dict, path: Path = PLOT) -> None:
     most = 1.0
     for (name, c), marker in zip(found["cost"].items(), "os^", strict=True):
         more, longer = np.array(c["sizes"]) / c["sizes"][0], np.array(c["seconds"]) / c["seconds"][0]
-        axes.plot(more, longer, marker=marker, label=f"{name}, {c['sizes'][0]} to {c['sizes'][-1]}: slope {c['exponent']:.2f}")
+        axes.plot(
+            more, longer, marker=marker, label=f"{name}, {c['sizes'][0]} to {c['sizes'][-1]}: slope {c['exponent']:.2f}"
+        )
         most = max(most, more[-1])
     axes.plot([1, most], [1, most], "k--", linewidth=1, label="slope 1: twice as many, twice as long")
-    axes.set(xscale="log", yscale="log", xlabel="times as many as the fewest", ylabel="times the processor time of the fewest", title="How cost grows")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="times as many as the fewest",
+        ylabel="times the processor time of the fewest",
+        title="How cost grows",
+    )
     ticks = 2 ** np.arange(round(np.log2(most)) + 1)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_ticks(ticks)
@@ -113,6 +136,12 @@ def table(found: dict) -> list[str]:
         pairs = ", ".join(f"{n}: {s:.3g}" for n, s in zip(c["sizes"], c["seconds"], strict=True))
         lines.append(f"| {name} | {pairs} | {c['exponent']:.2f} |")
     if memory := found.get("memory"):
-        lines += ["", "| bag at 1 kHz, pose and twist | peak memory (MB) recording | reading | playing |", "|---|---|---|---|"]
-        lines += [f"| {float(s):g} s | {m['record']:.0f} | {m['read']:.0f} | {m['play']:.0f} |" for s, m in memory.items()]
+        lines += [
+            "",
+            "| bag at 1 kHz, pose and twist | peak memory (MB) recording | reading | playing |",
+            "|---|---|---|---|",
+        ]
+        lines += [
+            f"| {float(s):g} s | {m['record']:.0f} | {m['read']:.0f} | {m['play']:.0f} |" for s, m in memory.items()
+        ]
     return lines

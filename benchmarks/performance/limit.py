@@ -31,14 +31,22 @@ def library(*options: str) -> ctypes.CDLL:
     """limit.c compiled with -O3 and ``options``, with the step sizes of the integrator."""
     BUILD.mkdir(parents=True, exist_ok=True)
     sizes = {
-        "FREE_STEP": kernel.FREE_STEP, "CONTACT_STEP": kernel.CONTACT_STEP, "CONTACT_GROWTH": integrator.CONTACT_GROWTH,
-        "CONTACT_GROWN": integrator.CONTACT_SHRINK, "CONTACT_GROWS": integrator.CONTACT_GROW, "FINEST": integrator.FINEST,
-    }  # fmt: skip
+        "FREE_STEP": kernel.FREE_STEP,
+        "CONTACT_STEP": kernel.CONTACT_STEP,
+        "CONTACT_GROWTH": integrator.CONTACT_GROWTH,
+        "CONTACT_GROWN": integrator.CONTACT_SHRINK,
+        "CONTACT_GROWS": integrator.CONTACT_GROW,
+        "FINEST": integrator.FINEST,
+    }
     target = BUILD / f"limit{'_'.join(o.strip('-').replace('=', '_') for o in ('', *options))}.so"
     defines = [f"-D{name}={value!r}" for name, value in sizes.items()]
-    with tempfile.TemporaryDirectory(dir=BUILD) as own:  # another thread may be making it too, another process loading it
+    with tempfile.TemporaryDirectory(
+        dir=BUILD
+    ) as own:  # another thread may be making it too, another process loading it
         part = Path(own) / target.name
-        subprocess.run([compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", part, SOURCE, "-lmvec", "-lm"], check=True)
+        subprocess.run(
+            [compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", part, SOURCE, "-lmvec", "-lm"], check=True
+        )
         part.replace(target)
     return ctypes.CDLL(str(target))
 

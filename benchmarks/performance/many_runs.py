@@ -1,4 +1,5 @@
-"""2. An ensemble of 1,000 runs with different parameters on all cores; the limit is C over lanes with the vectoriser's options."""
+"""2. An ensemble of 1,000 runs with different parameters on all cores; the limit is C over lanes with the vectoriser's
+options."""
 
 from __future__ import annotations
 
@@ -55,27 +56,42 @@ def measure(quick: bool) -> dict:
         difference = max(float(np.abs(outputs["ours"] - o)[:, :, :4].max()) for o in outputs.values())
         times = in_turn(tasks, 5 if quick else 9, time.process_time)
         walls = in_turn(tasks, 3 if quick else 5, time.perf_counter)
-        evaluations = sum(limit.evaluations(P[i], states[i], TIMES) for i in range(20)) / 20 if limit.compiler() else float("nan")
+        evaluations = (
+            sum(limit.evaluations(P[i], states[i], TIMES) for i in range(20)) / 20 if limit.compiler() else float("nan")
+        )
         found[name] = {
             "touch": float((outputs["ours"][:, :, 8:11].min(axis=(1, 2)) < 0).mean()),
             "rows": {
                 label: {
-                    "seconds": spread(t), "runs_per_second": runs / min(walls[label]), "runs_per_core_second": runs / spread(t)["median"],
+                    "seconds": spread(t),
+                    "runs_per_second": runs / min(walls[label]),
+                    "runs_per_core_second": runs / spread(t)["median"],
                     "evaluations_per_core_second": runs * evaluations / spread(t)["median"],
                 }
                 for label, t in times.items()
             },
-            "times_ours": ratios(times, "ours"), "difference": difference, "evaluations_per_run": evaluations,
-        }  # fmt: skip
+            "times_ours": ratios(times, "ours"),
+            "difference": difference,
+            "evaluations_per_run": evaluations,
+        }
     return found
 
 
 def table(found: dict) -> list[str]:
     """Markdown."""
-    lines = ["| 1,000 runs of 3 s | runs per second, all cores | runs per second and core | right-hand sides per second and core | time over ours (best over best; by rounds) |", "|---|---|---|---|---|"]
+    lines = [
+        (
+            "| 1,000 runs of 3 s | runs per second, all cores | runs per second and core | right-hand sides per second"
+            " and core | time over ours (best over best; by rounds) |"
+        ),
+        "|---|---|---|---|---|",
+    ]
     for name, part in found.items():
         for label, row in part["rows"].items():
             ratio = part["times_ours"].get(label)
             text = "1" if ratio is None else f"{ratio['best']:.2f} ({ratio['min']:.2f} … {ratio['max']:.2f})"
-            lines.append(f"| {name}: {label} | {row['runs_per_second']:,.0f} | {row['runs_per_core_second']:,.0f} | {row['evaluations_per_core_second'] / 1e6:.1f}·10⁶ | {text} |")
+            lines.append(
+                f"| {name}: {label} | {row['runs_per_second']:,.0f} | {row['runs_per_core_second']:,.0f} |"
+                f" {row['evaluations_per_core_second'] / 1e6:.1f}·10⁶ | {text} |"
+            )
     return lines

@@ -34,7 +34,9 @@ class Node:
         listener.take(1.0)  # what an earlier node sent
         listener.heard.clear()
         self.began = time.monotonic()
-        self.process = subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | environment)
+        self.process = subprocess.Popen(
+            [*map(str, command)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | environment
+        )
 
     def __enter__(self) -> Node:
         while not self.listener.heard:
@@ -80,7 +82,12 @@ class Listener:
         from geometry_msgs.msg import PoseStamped
 
         self.rclpy, self.node, self.heard = rclpy, node, []
-        node.create_subscription(PoseStamped, TOPIC, lambda m: self.heard.append((time.monotonic(), m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec)), 1000)
+        node.create_subscription(
+            PoseStamped,
+            TOPIC,
+            lambda m: self.heard.append((time.monotonic(), m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec)),
+            1000,
+        )
 
     def take(self, seconds: float) -> None:
         """Listen for so long."""
@@ -117,19 +124,35 @@ def measure(quick: bool) -> dict | None:
         rclpy.shutdown()
     middle = {name: {k: statistics.median(r[k] for r in many) for k in many[0]} for name, many in rows.items()}
     return {
-        "rows": middle, "fastest": fastest, "first_message": {n: statistics.median(t) for n, t in starts.items() if t},
-        "ratio": statistics.median(b["processor"] / a["processor"] for a, b in zip(rows["sim"], rows["empty"], strict=True)),
-    }  # fmt: skip
+        "rows": middle,
+        "fastest": fastest,
+        "first_message": {n: statistics.median(t) for n, t in starts.items() if t},
+        "ratio": statistics.median(
+            b["processor"] / a["processor"] for a, b in zip(rows["sim"], rows["empty"], strict=True)
+        ),
+    }
 
 
 def table(found: dict | None) -> list[str]:
     """Markdown."""
     if found is None:
         return ["No ROS here: the node was not measured."]
-    lines = ["| node at 1 kHz | share of a core | poses heard per second | jitter: median, 99 % (ms) |", "|---|---|---|---|"]
+    lines = [
+        "| node at 1 kHz | share of a core | poses heard per second | jitter: median, 99 % (ms) |",
+        "|---|---|---|---|",
+    ]
     for name, r in found["rows"].items():
         label = "sim, all topics" if name == "sim" else "empty timer and publisher"
-        lines.append(f"| {label} | {100 * r['processor']:.0f} % | {r['messages_per_second']:.0f} | {r['jitter_ms']:.2f}, {r['jitter_99_ms']:.2f} |")
+        lines.append(
+            f"| {label} | {100 * r['processor']:.0f} % | {r['messages_per_second']:.0f} | {r['jitter_ms']:.2f},"
+            f" {r['jitter_99_ms']:.2f} |"
+        )
     first = ", ".join(f"{n} {t:.1f} s" for n, t in found["first_message"].items())
-    lines += ["", f"Fastest: {found['fastest']['simulated_per_second']:.2f} simulated seconds to a real one at 1 kHz. First message after: {first}."]
+    lines += [
+        "",
+        (
+            f"Fastest: {found['fastest']['simulated_per_second']:.2f} simulated seconds to a real one at 1 kHz. First"
+            f" message after: {first}."
+        ),
+    ]
     return lines

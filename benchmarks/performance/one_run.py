@@ -1,4 +1,5 @@
-"""1. One run of 3 s with touchdown: ours, what a user would write, and the limit; all as exact as the golden trajectory asks."""
+"""1. One run of 3 s with touchdown: ours, what a user would write, and the limit; all as exact as the golden trajectory
+asks."""
 
 from __future__ import annotations
 
@@ -31,7 +32,9 @@ def errors(states: np.ndarray, golden: np.ndarray, touched: np.ndarray) -> tuple
     return float(off[~touched].max()), float(off[touched].max())
 
 
-def exact_enough(solve: Callable[[float], np.ndarray], judge: Callable[[np.ndarray], tuple[float, float]]) -> float | None:
+def exact_enough(
+    solve: Callable[[float], np.ndarray], judge: Callable[[np.ndarray], tuple[float, float]]
+) -> float | None:
     """The loosest relative tolerance with which a solver is as exact as is asked."""
     for rtol in LADDER:
         before, after = judge(solve(rtol))
@@ -66,21 +69,41 @@ def measure(quick: bool) -> dict:
             tolerances[f"{name}, {label}"] = rtol
     quickly = in_turn(fast, 10 if quick else 40)
     slowly = in_turn(slow, 3 if quick else 7)
-    rows = {name: {"seconds": spread(t), "errors": judge((fast | slow)[name]())} for name, t in {**slowly, **quickly}.items()}
+    rows = {
+        name: {"seconds": spread(t), "errors": judge((fast | slow)[name]())}
+        for name, t in {**slowly, **quickly}.items()
+    }
     for name, value in tolerances.items():
         rows.setdefault(name, {})["rtol"] = value
-    return {"rows": rows, "times_ours": {**ratios(slowly, "ours"), **ratios(quickly, "ours")}, "evaluations": limit.evaluations(P, state, times) if limit.compiler() else None}
+    return {
+        "rows": rows,
+        "times_ours": {**ratios(slowly, "ours"), **ratios(quickly, "ours")},
+        "evaluations": limit.evaluations(P, state, times) if limit.compiler() else None,
+    }
 
 
 def table(found: dict) -> list[str]:
     """Markdown."""
-    lines = ["| one run of 3 s, touchdown after 1.2 s | time (ms): median, least … most | times ours (best over best; by rounds) | error before / after contact (m) |", "|---|---|---|---|"]
-    order = sorted((n for n in found["rows"] if "seconds" in found["rows"][n]), key=lambda n: found["rows"][n]["seconds"]["median"])
+    lines = [
+        (
+            "| one run of 3 s, touchdown after 1.2 s | time (ms): median, least … most | times ours (best over best; by"
+            " rounds) | error before / after contact (m) |"
+        ),
+        "|---|---|---|---|",
+    ]
+    order = sorted(
+        (n for n in found["rows"] if "seconds" in found["rows"][n]), key=lambda n: found["rows"][n]["seconds"]["median"]
+    )
     for name in order:
         row = found["rows"][name]
         s, ratio = row["seconds"], found["times_ours"].get(name)
         rtol = f" (rtol {row['rtol']:.0e})" if row.get("rtol") else ""
         times = "1" if ratio is None else f"{ratio['best']:.3g} ({ratio['min']:.3g} … {ratio['max']:.3g})"
-        lines.append(f"| {name}{rtol} | {1e3 * s['median']:.3g}, {1e3 * s['min']:.3g} … {1e3 * s['max']:.3g} | {times} | {row['errors'][0]:.0e} / {row['errors'][1]:.0e} |")
-    lines += [f"| {n} | not exact enough at any tolerance | | |" for n, r in found["rows"].items() if "seconds" not in r]
+        lines.append(
+            f"| {name}{rtol} | {1e3 * s['median']:.3g}, {1e3 * s['min']:.3g} … {1e3 * s['max']:.3g} | {times} |"
+            f" {row['errors'][0]:.0e} / {row['errors'][1]:.0e} |"
+        )
+    lines += [
+        f"| {n} | not exact enough at any tolerance | | |" for n, r in found["rows"].items() if "seconds" not in r
+    ]
     return lines

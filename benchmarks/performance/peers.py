@@ -15,7 +15,28 @@ from scipy.integrate import solve_ivp
 
 def right_hand_side(t, x, p):
     """Time derivative (8,) of the state (8,); p are the 22 parameters in the order of `core.parameters`."""
-    eta, gamma, b0, wavelength, inductance, resistance, mass, tau, current, coils, w_top, w_side, g, gap, stiffness, damping, inertia, top, off, height = p[:20]
+    (
+        eta,
+        gamma,
+        b0,
+        wavelength,
+        inductance,
+        resistance,
+        mass,
+        tau,
+        current,
+        coils,
+        w_top,
+        w_side,
+        g,
+        gap,
+        stiffness,
+        damping,
+        inertia,
+        top,
+        off,
+        height,
+    ) = p[:20]
     c = sqrt(0.5)
     sway, heave, roll, v, sway_rate, heave_rate, roll_rate = x[1], x[2], x[3], x[4], x[5], x[6], x[7]
     k = 2 * pi / wavelength
@@ -60,14 +81,18 @@ def right_hand_side(t, x, p):
 compiled = numba.njit(right_hand_side)
 
 
-def scipy_run(method: str, function: Callable, P: np.ndarray, state: np.ndarray, times: np.ndarray, rtol: float) -> np.ndarray:
+def scipy_run(
+    method: str, function: Callable, P: np.ndarray, state: np.ndarray, times: np.ndarray, rtol: float
+) -> np.ndarray:
     """States (n, 8) by `solve_ivp`."""
     p = P if function is compiled else P.tolist()
     result = solve_ivp(function, (times[0], times[-1]), state, method, times, args=(p,), rtol=rtol, atol=1e-3 * rtol)
     return result.y.T if result.success else np.full((times.size, 8), np.nan)
 
 
-def cvode_run(method: str, function: Callable, P: np.ndarray, state: np.ndarray, times: np.ndarray, rtol: float) -> np.ndarray:
+def cvode_run(
+    method: str, function: Callable, P: np.ndarray, state: np.ndarray, times: np.ndarray, rtol: float
+) -> np.ndarray:
     """States (n, 8) by CVODE, through scikit-sundae."""
     from sksundae.cvode import CVODE
 

@@ -1,4 +1,5 @@
-"""Where the time goes: ``python -m performance.profiles fit|diagnosis|node [SECONDS]``, shares of processor time by function.
+"""Where the time goes: ``python -m performance.profiles fit|diagnosis|node [SECONDS]``, shares of processor time by
+function.
 
 One thread, so that the profiler sees all of it. Of compiled functions only the whole is seen.
 """
@@ -28,10 +29,14 @@ SHOWN = 12
 
 def table(stats: pstats.Stats) -> str:
     """Functions by their own time (%), with calls."""
-    rows = sorted(((t, calls, Path(where[0]).name, where[2]) for where, (_, calls, t, _, _) in stats.stats.items()), reverse=True)
+    rows = sorted(
+        ((t, calls, Path(where[0]).name, where[2]) for where, (_, calls, t, _, _) in stats.stats.items()), reverse=True
+    )
     total = sum(t for t, *_ in rows)
     lines = [f"| of {total:.1f} s | calls | function |", "|---|---|---|"]
-    return "\n".join(lines + [f"| {100 * t / total:.0f} % | {calls} | {file} {name} |" for t, calls, file, name in rows[:SHOWN]])
+    return "\n".join(
+        lines + [f"| {100 * t / total:.0f} % | {calls} | {file} {name} |" for t, calls, file, name in rows[:SHOWN]]
+    )
 
 
 def main() -> None:
@@ -44,7 +49,10 @@ def main() -> None:
     campaign, model = load_campaign(CAMPAIGN), Model.default()
     model.kernel  # noqa: B018 (compiled before)
     problem, base, _ = base_fit(campaign, model)
-    task = {"fit": lambda: fit_from_scratch(problem, base.structure), "diagnosis": lambda: diagnose(campaign, model, workers=InLine(1))}[what]
+    task = {
+        "fit": lambda: fit_from_scratch(problem, base.structure),
+        "diagnosis": lambda: diagnose(campaign, model, workers=InLine(1)),
+    }[what]
     profiler = cProfile.Profile(time.thread_time)
     profiler.runcall(task)
     print(table(pstats.Stats(profiler)))
@@ -65,7 +73,19 @@ def _node(seconds: float) -> str:
         rclpy.init()
         listener = Listener(rclpy, rclpy.create_node("profiles"))
         file = Path(tempfile.mkdtemp()) / "profile"
-        with Node(listener, sys.executable, "-m", "cProfile", "-o", file, "-m", "inductrack_ros.nodes.sim", "--ros-args", "-p", "rate:=1000"):
+        with Node(
+            listener,
+            sys.executable,
+            "-m",
+            "cProfile",
+            "-o",
+            file,
+            "-m",
+            "inductrack_ros.nodes.sim",
+            "--ros-args",
+            "-p",
+            "rate:=1000",
+        ):
             listener.take(seconds)
         rclpy.shutdown()
     return str(file)

@@ -1,9 +1,8 @@
 """3. A fit and a diagnosis of a twelve-run campaign, against `scipy.optimize.least_squares` over our own simulator.
 
 The peer fits what ours fits (free parameters and each run's initial state, with the same weak priors) from the same
-start, with its own differences, both on one thread. For the diagnosis it would refit every candidate; some are, and the rest is reckoned
-from their mean. All by processor time.
-"""
+start, with its own differences, both on one thread. For the diagnosis it would refit every candidate; some are, and the
+rest is reckoned from their mean. All by processor time."""
 
 from __future__ import annotations
 
@@ -42,7 +41,10 @@ def peer(problem: Problem, structure: Structure, theta: np.ndarray, states: list
     scale = np.concatenate([np.ones(len(theta)), *(SCALE[f] for f in free)])
 
     def unpack(u: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        v, xs = start + (u - 1.0) * scale, [x.copy() for x in states]  # every unknown is about 1, as its differences want
+        v, xs = (
+            start + (u - 1.0) * scale,
+            [x.copy() for x in states],
+        )  # every unknown is about 1, as its differences want
         for x, f, a, b in zip(xs, free, edges[:-1], edges[1:], strict=True):
             x[f] = v[a:b]
         return v[: len(theta)], xs
@@ -81,10 +83,18 @@ def measure(quick: bool) -> dict:
         "least_squares": lambda: reached.update(peer=peer(alone, structure, structure.start, guesses)),
     }, 2 if quick else 3, time.process_time)  # fmt: skip
     unknowns = len(base.theta) + sum(len(d.free_states) for d in problem.runs)
-    result = {"fit": {
-        "ours": spread(times["ours"]), "chi2": reached["ours"].chi2, "peer": spread(times["least_squares"]), "peer_chi2": reached["peer"][0],
-        "peer_calls": reached["peer"][1], "ratio": ratios(times, "ours")["least_squares"]["best"], "samples": reached["ours"].samples, "unknowns": unknowns,
-    }}  # fmt: skip
+    result = {
+        "fit": {
+            "ours": spread(times["ours"]),
+            "chi2": reached["ours"].chi2,
+            "peer": spread(times["least_squares"]),
+            "peer_chi2": reached["peer"][0],
+            "peer_calls": reached["peer"][1],
+            "ratio": ratios(times, "ours")["least_squares"]["best"],
+            "samples": reached["ours"].samples,
+            "unknowns": unknowns,
+        }
+    }
     if quick:
         return result
     whole, found = seconds(lambda: diagnose(campaign, model))
@@ -92,18 +102,28 @@ def measure(quick: bool) -> dict:
     screening = screen(problem, base, linearise_all(problem, base))
     candidates = {s.members[0].name: s for s in screening.sets if len(s.members) == 1}
     refits = []
-    for name in [n for n, s in candidates.items() if not s.members[0].start][:2]:  # the most promising: each takes the peer half a minute
+    for name in [n for n, s in candidates.items() if not s.members[0].start][
+        :2
+    ]:  # the most promising: each takes the peer half a minute
         grown = structure.plus(name)
         theta = np.concatenate([base.theta, grown.start[len(base.theta) :]])
         t, (chi2, calls) = seconds(lambda g=grown, th=theta: peer(alone, g, th, list(base.states)))
         ours = settled(Task(problem), refitted(Task(problem), state, candidates[name], screening.family)).fit
         refits.append({"effect": name, "seconds": t, "chi2": chi2, "calls": calls, "our_chi2": ours.chi2})
-    rounds = 1 + len(found.effects)  # every candidate once for each effect that is found, and once more to see that none is left
+    rounds = 1 + len(
+        found.effects
+    )  # every candidate once for each effect that is found, and once more to see that none is left
     reckoned = rounds * len(candidates) * float(np.mean([r["seconds"] for r in refits]))
     result["diagnosis"] = {
-        "ours": whole, "verdict": found.verdict, "effects": list(found.effects), "candidates": len(candidates), "rounds": rounds, "refits": refits,
-        "peer_reckoned": reckoned, "ratio": reckoned / whole,
-    }  # fmt: skip
+        "ours": whole,
+        "verdict": found.verdict,
+        "effects": list(found.effects),
+        "candidates": len(candidates),
+        "rounds": rounds,
+        "refits": refits,
+        "peer_reckoned": reckoned,
+        "ratio": reckoned / whole,
+    }
     return result
 
 
@@ -111,12 +131,24 @@ def table(found: dict) -> list[str]:
     """Markdown."""
     f = found["fit"]
     lines = [
-        f"| twelve runs, {f['samples']:,} samples, {f['unknowns']} unknowns | processor time (s) | times ours | χ² |", "|---|---|---|---|",
+        f"| twelve runs, {f['samples']:,} samples, {f['unknowns']} unknowns | processor time (s) | times ours | χ² |",
+        "|---|---|---|---|",
         f"| fit: ours | {f['ours']['min']:.2f} … {f['ours']['max']:.2f} | 1 | {f['chi2']:.1f} |",
-        f"| fit: least_squares, {f['peer_calls']} predictions | {f['peer']['min']:.1f} … {f['peer']['max']:.1f} | {f['ratio']:.1f} | {f['peer_chi2']:.1f} |",
-    ]  # fmt: skip
+        (
+            f"| fit: least_squares, {f['peer_calls']} predictions | {f['peer']['min']:.1f} … {f['peer']['max']:.1f} |"
+            f" {f['ratio']:.1f} | {f['peer_chi2']:.1f} |"
+        ),
+    ]
     if d := found.get("diagnosis"):
         lines += [f"| diagnosis: ours ({', '.join(d['effects']) or d['verdict']}) | {d['ours']:.1f} | 1 | |"]
-        lines += [f"| least_squares, {r['effect']} | {r['seconds']:.1f} | | {r['chi2']:.1f}" + (f" (ours {r['our_chi2']:.1f})" if r["our_chi2"] else "") + " |" for r in d["refits"]]
-        lines += [f"| all {d['candidates']} candidates, {d['rounds']} rounds, reckoned from these | {d['peer_reckoned']:.0f} | {d['ratio']:.0f} | |"]
+        lines += [
+            f"| least_squares, {r['effect']} | {r['seconds']:.1f} | | {r['chi2']:.1f}"
+            + (f" (ours {r['our_chi2']:.1f})" if r["our_chi2"] else "")
+            + " |"
+            for r in d["refits"]
+        ]
+        lines += [
+            f"| all {d['candidates']} candidates, {d['rounds']} rounds, reckoned from these | {d['peer_reckoned']:.0f}"
+            f" | {d['ratio']:.0f} | |"
+        ]
     return lines

@@ -14,7 +14,9 @@ from pathlib import Path
 TURN = 0.02
 
 
-def in_turn(tasks: Mapping[str, Callable[[], object]], repeats: int, clock: Callable[[], float] = time.thread_time) -> dict[str, list[float]]:
+def in_turn(
+    tasks: Mapping[str, Callable[[], object]], repeats: int, clock: Callable[[], float] = time.thread_time
+) -> dict[str, list[float]]:
     """Times (s) of each task, ``repeats`` rounds in which each has its turn, after one that does not count."""
     counts = dict.fromkeys(tasks, 1)
     times: dict[str, list[float]] = {name: [] for name in tasks}
@@ -37,7 +39,8 @@ def spread(values: list[float]) -> dict[str, float]:
 
 
 def ratios(times: Mapping[str, list[float]], ours: str) -> dict[str, dict[str, float]]:
-    """How many times longer than ours each took: round by round, for the machine's moods fall on both, and the ``best`` of all."""
+    """How many times longer than ours each took: round by round, for the machine's moods fall on both, and the ``best``
+    of all."""
     return {
         n: spread([a / b for a, b in zip(t, times[ours], strict=True)]) | {"best": min(t) / min(times[ours])}
         for n, t in times.items() if n != ours
@@ -47,7 +50,9 @@ def ratios(times: Mapping[str, list[float]], ours: str) -> dict[str, dict[str, f
 def machine() -> dict[str, object]:
     """What the figures were taken on."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
-    name = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.processor())
+    name = next(
+        (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.processor()
+    )
     return {
         "processor": name,
         "cores": os.cpu_count(),

@@ -3,4 +3,16 @@
 from .finding import CALLED, IMPOSSIBLE, NOTE, SET_ASIDE, SEVERITIES, WARNING, Finding, impossible
 from .look import admit, look, set_aside
 
-__all__ = ["CALLED", "IMPOSSIBLE", "NOTE", "SET_ASIDE", "SEVERITIES", "WARNING", "Finding", "admit", "impossible", "look", "set_aside"]
+__all__ = [
+    "CALLED",
+    "IMPOSSIBLE",
+    "NOTE",
+    "SET_ASIDE",
+    "SEVERITIES",
+    "WARNING",
+    "Finding",
+    "admit",
+    "impossible",
+    "look",
+    "set_aside",
+]

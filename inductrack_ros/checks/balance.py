@@ -1,5 +1,5 @@
-"""Do the channels belong to this model's motion at all? What the model's forces at the measured places would do to the speeds, against
-what the speeds did, over short windows; and the gaps at those places against the gaps measured.
+"""Do the channels belong to this model's motion at all? What the model's forces at the measured places would do to the
+speeds, against what the speeds did, over short windows; and the gaps at those places against the gaps measured.
 
 Nothing is fitted: a missing effect changes these sums by parts, a wrong unit or a flipped axis turns them over.
 """
@@ -24,7 +24,8 @@ WINDOWS, FEWEST, PLACES, HALVES = 160, 8, 9, (4, 8, 16, 32, 64)
 CLEAR = 8.0
 #: Coordinates whose swing decides how long a window is: heave has its weight besides, surge goes on.
 SWINGING = ("sway", "roll")
-#: Nearer to the track than this part of the nominal gap a window is left out: contact is stiffer than the data are fine.
+#: Nearer to the track than this part of the nominal gap a window is left out: contact is stiffer than the data are
+#: fine.
 CLOSE = 0.05
 #: Deeper in the track than this part of the nominal gap, in half of the windows, nothing is that is read rightly.
 DEEP = 0.5
@@ -32,7 +33,8 @@ DEEP = 0.5
 
 @dataclass(frozen=True)
 class Reading:
-    """How the data are read: what their time, their drive current and each channel is multiplied by; two channels that change places."""
+    """How the data are read: what their time, their drive current and each channel is multiplied by; two channels that
+    change places."""
 
     time: float = 1.0
     current: float = 1.0
@@ -54,7 +56,8 @@ class Reading:
 
 @dataclass(frozen=True)
 class Windows:
-    """Windows of all runs: times (w, p) from each window's middle, channels (w, p) by name, drive current (w,), None where pulses drive."""
+    """Windows of all runs: times (w, p) from each window's middle, channels (w, p) by name, drive current (w,), None
+    where pulses drive."""
 
     times: Array
     values: Mapping[str, Array]
@@ -64,7 +67,8 @@ class Windows:
 
 
 def windows_of(campaign: Campaign, channels: Mapping[str, Channel], most: int = WINDOWS) -> Windows | None:
-    """About ``most`` windows spread over the campaign; None where the runs are too short or do not tell place and speed."""
+    """About ``most`` windows spread over the campaign; None where the runs are too short or do not tell place and
+    speed."""
     stated = all("surge_rate" in run.initial_state for run in campaign.runs)
     if not ({"heave", "gap_top"} & channels.keys()) or not (stated or {"surge", "surge_rate"} & channels.keys()):
         return None
@@ -84,13 +88,17 @@ def windows_of(campaign: Campaign, channels: Mapping[str, Channel], most: int = 
     if not {"surge", "surge_rate"} & values.keys():
         if not stated:
             return None
-        values["surge_rate"] = np.repeat([run.initial_state["surge_rate"] for run, p in zip(campaign.runs, cut, strict=True) if p for _ in p[0]], PLACES).reshape(times.shape)
+        values["surge_rate"] = np.repeat(
+            [run.initial_state["surge_rate"] for run, p in zip(campaign.runs, cut, strict=True) if p for _ in p[0]],
+            PLACES,
+        ).reshape(times.shape)
     noise = {c: max(channels[c].noise, channels[c].step / np.sqrt(12.0)) for c in names}
     return Windows(times, values, current, any(run.pulses is not None for run in campaign.runs), noise)
 
 
 def _half(campaign: Campaign, channels: Mapping[str, Channel], names: list[str]) -> int:
-    """Half length of the windows: long enough that the bend of what swings stands over its noise, where any length does."""
+    """Half length of the windows: long enough that the bend of what swings stands over its noise, where any length
+    does."""
     shortest = min(len(run.times) for run in campaign.runs)
     fitting = [h for h in HALVES if 2 * h + 1 <= shortest // 3] or HALVES[:1]
     for half in fitting:
@@ -104,7 +112,7 @@ def _half(campaign: Campaign, channels: Mapping[str, Channel], names: list[str])
 
 def _bend(values: Array, half: int) -> Array:
     """Second differences over ``half`` samples, of at most a few thousand places."""
-    values = values[: 20_000]
+    values = values[:20_000]
     return values[2 * half :] - 2 * values[half:-half] + values[: -2 * half]
 
 
@@ -120,12 +128,17 @@ def _cut(run: Run, names: list[str], half: int, most: int) -> tuple[Array, Array
     width = times[:, -1] - times[:, 0]
     good = ~np.isnan(values).any(axis=(1, 2)) & (width < 1.5 * np.median(width))
     middle = times[:, PLACES // 2]
-    current = np.interp(middle, *run.inputs["drive_current"]) if "drive_current" in run.inputs else np.full(len(middle), run.drive_current)
+    current = (
+        np.interp(middle, *run.inputs["drive_current"])
+        if "drive_current" in run.inputs
+        else np.full(len(middle), run.drive_current)
+    )
     return (times - middle[:, None])[good], values[good], current[good]
 
 
 def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float]:
-    """By coordinate and gap how far data, read so, and model are apart: 0 is the same, 1 nothing in common, infinite what cannot be.
+    """By coordinate and gap how far data, read so, and model are apart: 0 is the same, 1 nothing in common, infinite
+    what cannot be.
 
     Absent is what the data are too noisy, too near to the track or too few to say.
     """
@@ -143,23 +156,36 @@ def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float
             continue
         # Runs that coast say nothing of the drive, and are not to hide it.
         groups = (free & driven, free & ~driven) if c == "surge" else (free,)
-        off = [f for rows in groups if rows.sum() >= FEWEST and (f := _off(c, windows, model, reading, motion, places, rows)) is not None]
+        off = [
+            f
+            for rows in groups
+            if rows.sum() >= FEWEST and (f := _off(c, windows, model, reading, motion, places, rows)) is not None
+        ]
         if off:
             found[c] = max(off)
     found |= _gap_misfits(windows, reading, places, nominal)
     return found
 
 
-def _off(c: str, windows: Windows, model: Model, reading: Reading, motion: _Motion, places: Mapping[str, Array], rows: Array) -> float | None:
-    """How far a coordinate's changes of speed in some windows are from what they should be; None where neither stands over the noise."""
+def _off(
+    c: str, windows: Windows, model: Model, reading: Reading, motion: _Motion, places: Mapping[str, Array], rows: Array
+) -> float | None:
+    """How far a coordinate's changes of speed in some windows are from what they should be; None where neither stands
+    over the noise."""
     did, should = motion.change(c)[rows], _change(motion.times, places[f"{c}_acceleration"])[rows]
-    noise = 2.4 * abs(reading.of(c)) * windows.noise.get(reading.source(c), windows.noise.get("gap_top", 0.0)) / float(np.median(motion.times[:, -1]))
+    noise = (
+        2.4
+        * abs(reading.of(c))
+        * windows.noise.get(reading.source(c), windows.noise.get("gap_top", 0.0))
+        / float(np.median(motion.times[:, -1]))
+    )
     size = max(np.median(np.abs(did)), np.median(np.abs(should)), _ground(c, model, motion, places))
     return float(np.median(np.abs(did - should)) / size) if size > CLEAR * noise else None
 
 
 def _ground(coordinate: str, model: Model, motion: _Motion, places: Mapping[str, Array]) -> float:
-    """Change of speed by forces that stand against each other, of whose sum a few percent more or less mean nothing: weight; half the drag."""
+    """Change of speed by forces that stand against each other, of whose sum a few percent more or less mean nothing:
+    weight; half the drag."""
     if coordinate == "heave":
         force = np.full_like(motion.times, model.parameters["gravity"])
     elif coordinate == "surge":
@@ -171,7 +197,8 @@ def _ground(coordinate: str, model: Model, motion: _Motion, places: Mapping[str,
 
 @dataclass(frozen=True)
 class _Motion:
-    """The windows as they are read: times (w, p) and states by name (w, p); ``coordinates`` are those that move and are measured."""
+    """The windows as they are read: times (w, p) and states by name (w, p); ``coordinates`` are those that move and are
+    measured."""
 
     times: Array
     states: Mapping[str, Array]
@@ -202,7 +229,10 @@ def _by_gaps(windows: Windows, model: Model, reading: Reading, states: Mapping[s
     """Heave, and where both side gaps are there sway too, from the gaps, at the roll that is measured (or none)."""
     rest = model.quantities(np.zeros(8))
     names = [g for g in GAPS if g in windows.values]
-    slopes = {c: np.array([(model.quantities(1e-6 * np.eye(8)[k])[g] - rest[g]) / 1e-6 for g in names]) for k, c in enumerate(COORDINATES)}
+    slopes = {
+        c: np.array([(model.quantities(1e-6 * np.eye(8)[k])[g] - rest[g]) / 1e-6 for g in names])
+        for k, c in enumerate(COORDINATES)
+    }
     wanted = ["heave", "sway"] if {"gap_right", "gap_left"} <= set(names) else ["heave"]
     opened = np.stack([reading.of(g) * windows.values[reading.source(g)] - rest[g] for g in names])
     if "roll" in states:
@@ -241,12 +271,17 @@ def _change(times: Array, acceleration: Array) -> Array:
 
 
 def stops(model: Model) -> bool:
-    """Whether a track that repels and stops the cradle is there at all: other plants are written as this model without magnets or contact."""
-    return model.parameters["contact_stiffness"] > 0.0 and max(model.parameters["width_top"], model.parameters["width_side"]) > 0.0
+    """Whether a track that repels and stops the cradle is there at all: other plants are written as this model without
+    magnets or contact."""
+    return (
+        model.parameters["contact_stiffness"] > 0.0
+        and max(model.parameters["width_top"], model.parameters["width_side"]) > 0.0
+    )
 
 
 def _gap_misfits(windows: Windows, reading: Reading, places: Mapping[str, Array], nominal: float) -> dict[str, float]:
-    """By measured gap how far it is from the gap at the measured place, up to a constant: a sensor's zero is its own."""
+    """By measured gap how far it is from the gap at the measured place, up to a constant: a sensor's zero is its
+    own."""
     measured = [g for g in GAPS if g in windows.values]
     if not {"sway", "heave", "roll"} <= windows.values.keys():
         return {}

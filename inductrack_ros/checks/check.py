@@ -1,4 +1,5 @@
-"""The look as `inductrack check` gives it: findings, and what each run and channel holds. ``check.json``, written by `write_check`::
+"""The look as `inductrack check` gives it: findings, and what each run and channel holds. ``check.json``, written by
+`write_check`::
 
     {"campaign": "rig-2026-10",
      "verdict": "clean" | "usable" | "impossible",     // impossible: the data cannot be meant as they are written
@@ -9,8 +10,8 @@
      "runs": [{"name": "run_00", "file": "run_00.csv", "drive_current": 7000.0, "samples": 601, "duration": 1.2, "step": 0.002,
                "longest_hole": 0.002}, …]}
 
-``samples`` count from 0 in each run. ``step`` of a channel is what its readings are multiples of, 0 where none shows; null is not known.
-"""
+``samples`` count from 0 in each run. ``step`` of a channel is what its readings are multiples of, 0 where none shows;
+null is not known."""  # noqa: E501
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The clock of each run: holes, jumps, a first stamp of 0, jitter, times that no run has. Reads stamps only; allocates by their number."""
+"""The clock of each run: holes, jumps, a first stamp of 0, jitter, times that no run has. Reads stamps only; allocates
+by their number."""
 
 from __future__ import annotations
 
@@ -26,7 +27,9 @@ def clocks(campaign: Campaign) -> list[Finding]:
         if not len(steps):
             continue
         usual = float(np.median(steps))
-        if usual >= levels.LONGEST_STEP or (not run.seconds_stated and len(steps) >= levels.FEW and usual >= levels.SLOW_STEP):
+        if usual >= levels.LONGEST_STEP or (
+            not run.seconds_stated and len(steps) >= levels.FEW and usual >= levels.SLOW_STEP
+        ):
             findings.append(_endless(run, usual))
             continue
         wide = np.flatnonzero(steps > levels.HOLE * usual)
@@ -46,7 +49,14 @@ def _endless(run: Run, usual: float) -> Finding:
     text = f"{run.file.name}: time is in seconds: this run would last {lasting} with a sample every {usual:.4g} s"
     right = "" if usual >= levels.LONGEST_STEP else "; if it is right, name it 'time [s]'"
     remedy = f"if it was written in {unit}, name its column 'time [{unit}]'{right}"
-    return Finding("time_unit", IMPOSSIBLE, text, remedy, run=run.name, size={"step": usual, "duration": run.duration, "factor": factor})
+    return Finding(
+        "time_unit",
+        IMPOSSIBLE,
+        text,
+        remedy,
+        run=run.name,
+        size={"step": usual, "duration": run.duration, "factor": factor},
+    )
 
 
 def _broken(run: Run, i: int, usual: float) -> Finding | None:
@@ -56,33 +66,71 @@ def _broken(run: Run, i: int, usual: float) -> Finding | None:
     if i < NOT_YET_SET and hole > levels.SPLIT * usual:
         zero = float(run.stamps[0]) == 0.0
         what = "stamped 0, the clock was not running yet" if zero else "stamped long before the rest"
-        text = f"the first {f'{i + 1} samples' if i else 'sample'} of {run.file.name} {'are' if i else 'is'} {what} ({_lasting(hole)} earlier)"
+        text = (
+            f"the first {f'{i + 1} samples' if i else 'sample'} of {run.file.name} {'are' if i else 'is'} {what}"
+            f" ({_lasting(hole)} earlier)"
+        )
         rows = {run.name: tuple(range(i + 1))}
-        return Finding("first_stamp", SET_ASIDE, text, "start recording when the clock runs (use_sim_time: wait for /clock)", run=run.name, samples=rows, size=size)
+        return Finding(
+            "first_stamp",
+            SET_ASIDE,
+            text,
+            "start recording when the clock runs (use_sim_time: wait for /clock)",
+            run=run.name,
+            samples=rows,
+            size=size,
+        )
     if hole > levels.HOLE * usual and _went_on(run, i, hole, usual):
-        text = f"the clock of {run.file.name} jumps ahead by {_lasting(hole)} at sample {i + 2}, while the cradle went on as from one sample to the next"
-        return Finding("clock_jump", IMPOSSIBLE, text, "take the jump out of the later stamps, or record with a clock that is not set meanwhile", run=run.name, size=size)
-    if (hole > levels.SPLIT * usual and hole > run.duration - hole) or (hole > levels.PAUSE and hole > levels.PAUSE_STEPS * usual):
+        text = (
+            f"the clock of {run.file.name} jumps ahead by {_lasting(hole)} at sample {i + 2}, while the cradle went on"
+            " as from one sample to the next"
+        )
+        return Finding(
+            "clock_jump",
+            IMPOSSIBLE,
+            text,
+            "take the jump out of the later stamps, or record with a clock that is not set meanwhile",
+            run=run.name,
+            size=size,
+        )
+    if (hole > levels.SPLIT * usual and hole > run.duration - hole) or (
+        hole > levels.PAUSE and hole > levels.PAUSE_STEPS * usual
+    ):
         text = f"{run.file.name} has a hole of {_lasting(hole)} before sample {i + 2} of {len(run.times)}"
-        return Finding("hole", IMPOSSIBLE, text, "correct the stamps, or split it into two runs at the hole", run=run.name, size=size)
+        return Finding(
+            "hole",
+            IMPOSSIBLE,
+            text,
+            "correct the stamps, or split it into two runs at the hole",
+            run=run.name,
+            size=size,
+        )
     return None
 
 
 def _went_on(run: Run, i: int, hole: float, usual: float) -> bool:
-    """Whether the travel over a hole is that of a few usual steps although by its speed it should be that of the hole."""
+    """Whether the travel over a hole is that of a few usual steps although by its speed it should be that of the
+    hole."""
     if "surge" not in run.channels:
         return False
     near = slice(max(i - BESIDE, 0), min(i + 2 + BESIDE, len(run.times)))
     times, travel = run.times[near], run["surge"][near]
     middle = i - near.start
-    speeds = np.concatenate([np.diff(travel[: middle + 1]), np.diff(travel[middle + 1 :])]) / np.concatenate([np.diff(times[: middle + 1]), np.diff(times[middle + 1 :])])
+    speeds = np.concatenate([np.diff(travel[: middle + 1]), np.diff(travel[middle + 1 :])]) / np.concatenate(
+        [np.diff(times[: middle + 1]), np.diff(times[middle + 1 :])]
+    )
     speeds = speeds[np.isfinite(speeds)]
     step = float(travel[middle + 1] - travel[middle])
     if len(speeds) < 3 or not np.isfinite(step):
         return False
     speed, scatter = float(np.median(speeds)), float(np.std(speeds))
     moving = abs(speed) > 5.0 * scatter / np.sqrt(len(speeds))
-    return moving and abs(step) < abs(speed) * levels.WENT_ON * usual and abs(speed) * hole > 2.0 * abs(step) and hole > 2 * levels.WENT_ON * usual
+    return (
+        moving
+        and abs(step) < abs(speed) * levels.WENT_ON * usual
+        and abs(speed) * hole > 2.0 * abs(step)
+        and hole > 2 * levels.WENT_ON * usual
+    )
 
 
 def _jitter(run: Run, steps: Array, usual: float) -> list[Finding]:
@@ -93,7 +141,10 @@ def _jitter(run: Run, steps: Array, usual: float) -> list[Finding]:
     size = float(1.4826 * np.median(np.abs(left)))
     if size <= levels.JITTER * usual or usual * 1e-6 > size:
         return []
-    text = f"the stamps of {run.file.name} are uneven: steps of {number(1e3 * usual)} ms that vary by {number(1e3 * size)} ms"
+    text = (
+        f"the stamps of {run.file.name} are uneven: steps of {number(1e3 * usual)} ms that vary by"
+        f" {number(1e3 * size)} ms"
+    )
     return [Finding("uneven_stamps", NOTE, text, "", run=run.name, size={"step": usual, "std": size})]
 
 
@@ -119,7 +170,9 @@ def _once(findings: list[Finding]) -> list[Finding]:
             continue
         first = mine[0]
         text = f"{first.text} ({len(mine) - 1} more such in the campaign)"
-        result.append(Finding(kind, first.severity, text, first.remedy, run=first.run, size={**first.size, "count": len(mine)}))
+        result.append(
+            Finding(kind, first.severity, text, first.remedy, run=first.run, size={**first.size, "count": len(mine)})
+        )
     return result
 
 

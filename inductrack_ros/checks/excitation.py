@@ -14,12 +14,18 @@ from .noise_found import Channel
 
 def too_few(campaign: Campaign, model: Model | None) -> list[Finding]:
     """Runs with hardly more values than numbers to be found: any model fits them."""
-    short = [(run, free) for run in campaign.runs if int(run.measured.sum()) < levels.VALUES_FOR_EACH * (free := _free(run, model))]
+    short = [
+        (run, free)
+        for run in campaign.runs
+        if int(run.measured.sum()) < levels.VALUES_FOR_EACH * (free := _free(run, model))
+    ]
     all_ = len(short) == len(campaign.runs)
     findings = []
     for run, free in short:
         values = int(run.measured.sum())
-        text = f"{run.file.name} has {values} values for {free} free numbers of its initial state: any model would fit it"
+        text = (
+            f"{run.file.name} has {values} values for {free} free numbers of its initial state: any model would fit it"
+        )
         remedy = f"record at least {levels.VALUES_FOR_EACH * free} values, or give initial_state in campaign.yaml"
         size = {"values": values, "free": free}
         if all_:
@@ -37,10 +43,26 @@ def _free(run: Run, model: Model | None) -> int:
 
 def excitation(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
     """Coordinates that do not move beyond their noise: nothing can be said of what acts on them."""
-    still = [c for c in COORDINATES if c in channels and 0.0 < channels[c].spread < levels.MOVES * max(channels[c].noise, channels[c].step / 3.5)]
+    still = [
+        c
+        for c in COORDINATES
+        if c in channels and 0.0 < channels[c].spread < levels.MOVES * max(channels[c].noise, channels[c].step / 3.5)
+    ]
     if not still:
         return []
     verb = "does" if len(still) == 1 else "do"
-    text = f"{shared(still)} {verb} not move beyond the noise in any run: what acts on {'it' if len(still) == 1 else 'them'} cannot be told"
+    text = (
+        f"{shared(still)} {verb} not move beyond the noise in any run: what acts on"
+        f" {'it' if len(still) == 1 else 'them'} cannot be told"
+    )
     spans = {c: channels[c].spread for c in still}
-    return [Finding("still", NOTE, text, "release it from aside in some runs", still[0], size={"channels": still, "span": max(spans.values())})]
+    return [
+        Finding(
+            "still",
+            NOTE,
+            text,
+            "release it from aside in some runs",
+            still[0],
+            size={"channels": still, "span": max(spans.values())},
+        )
+    ]

@@ -57,7 +57,8 @@ class Finding:
         return f"{CALLED[self.severity]}: {self.line}"
 
     def to_json(self) -> dict[str, Any]:
-        """The keys of a finding in `check.json` and `diagnosis.json`: kind, channel, its sizes, and what people read."""
+        """The keys of a finding in `check.json` and `diagnosis.json`: kind, channel, its sizes, and what people
+        read."""
         about = {"channel": self.channel, "run": self.run}
         rows = {run: list(numbers[:LISTED]) for run, numbers in self.samples.items()}
         return plain({

@@ -24,7 +24,9 @@ def jitter(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]
     others = [c for c in COORDINATES[1:] if c in channels and channels[c].noise > 0.0]
     if "surge" not in channels or not others or channels["surge"].noise <= 0.0:
         return []
-    parts = [p for run in campaign.runs if {"surge", *others} <= set(run.channels) and (p := _late(run, others)) is not None]
+    parts = [
+        p for run in campaign.runs if {"surge", *others} <= set(run.channels) and (p := _late(run, others)) is not None
+    ]
     if not parts:
         return []
     late, speed = (np.concatenate([p[k] for p in parts]) for k in (0, 1))
@@ -40,12 +42,24 @@ def jitter(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]
         return []
     own = campaign.noise_std.get("surge", 0.0) / float(np.median(np.abs(speed)))
     size = float(np.sqrt(max(np.var(late[clip]) - own**2, 0.0)))
-    text = f"the stamps are off by {number(1e3 * size, 2)} ms from sample to sample (standard deviation), in all channels at once"
-    return [Finding("time_jitter", WARNING, text, "stamp a sample when it is taken, not when it arrives", size={"std": size})] if size > 0.0 else []
+    text = (
+        f"the stamps are off by {number(1e3 * size, 2)} ms from sample to sample (standard deviation), in all channels"
+        " at once"
+    )
+    return (
+        [
+            Finding(
+                "time_jitter", WARNING, text, "stamp a sample when it is taken, not when it arrives", size={"std": size}
+            )
+        ]
+        if size > 0.0
+        else []
+    )
 
 
 def _late(run: Run, others: list[str]) -> tuple[Array, Array, Array, Array] | None:
-    """How late each inner sample is by its surge (s), the speed, and of the other channels how far they are off and their rates."""
+    """How late each inner sample is by its surge (s), the speed, and of the other channels how far they are off and
+    their rates."""
     rows = np.flatnonzero(~np.isnan(np.stack([run[c] for c in ("surge", *others)])).any(axis=0))[:MOST]
     if len(rows) < 4 * MARGIN:
         return None

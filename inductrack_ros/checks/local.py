@@ -1,7 +1,7 @@
 """What a sample should be by its neighbours: interpolation over the few samples around it, and the noise that shows.
 
-Everything here is linear in the samples and works through a run a block at a time, so that its memory does not grow with the run.
-"""
+Everything here is linear in the samples and works through a run a block at a time, so that its memory does not grow
+with the run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..data.measurement import Array
 
-#: Neighbours, at these distances on both sides, whose cubics predict the sample between them. No two share a neighbour: one bad sample spoils one prediction.
+#: Neighbours, at these distances on both sides, whose cubics predict the sample between them. No two share a neighbour:
+#: one bad sample spoils one prediction.
 REACHES = ((1, 2), (3, 5), (4, 6))
 #: Samples on each side that a prediction needs.
 MARGIN = 6
@@ -25,22 +26,29 @@ FOUR_IN_FIVE, CLIP = 1.2816, 4.0
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Overlapping slices, each with `MARGIN` samples more on both sides where there are any, that cover ``count`` samples."""
+    """Overlapping slices, each with `MARGIN` samples more on both sides where there are any, that cover ``count``
+    samples."""
     for first in range(0, max(count - 2 * MARGIN, 0), BLOCK):
         yield slice(first, min(first + BLOCK + 2 * MARGIN, count))
 
 
 def some_blocks(count: int) -> list[slice]:
-    """All blocks, or `ENOUGH` of many, spread evenly: what says how noisy a channel is need not see all of a long run."""
+    """All blocks, or `ENOUGH` of many, spread evenly: what says how noisy a channel is need not see all of a long
+    run."""
     parts = list(blocks(count))
-    return [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, ENOUGH).astype(int))] if len(parts) > ENOUGH else parts
+    return (
+        [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, ENOUGH).astype(int))]
+        if len(parts) > ENOUGH
+        else parts
+    )
 
 
 def predictions(
     times: Array, values: Array, reaches: tuple[tuple[int, int], ...] = REACHES, at: NDArray[np.intp] | None = None
 ) -> tuple[Array, Array]:
-    """Predictions (p, m) of the samples ``at`` (by number; all inner ones, ``MARGIN … n − MARGIN``, unless given) by the cubic through four
-    neighbours, for each of the p reaches, and the standard deviation (p, m) of measured minus predicted for noise of size 1.
+    """Predictions (p, m) of the samples ``at`` (by number; all inner ones, ``MARGIN … n − MARGIN``, unless given) by
+    the cubic through four neighbours, for each of the p reaches, and the standard deviation (p, m) of measured minus
+    predicted for noise of size 1.
 
     times, values: (n,).
     """
@@ -76,8 +84,8 @@ def _even(times: Array) -> bool:
 
 
 def deviations(times: Array, values: Array) -> Array:
-    """(m,) Inner samples minus the cubic through their four nearest neighbours, scaled to the noise's standard deviation; of all samples, or of
-    a long run's `ENOUGH` blocks spread over it."""
+    """(m,) Inner samples minus the cubic through their four nearest neighbours, scaled to the noise's standard
+    deviation; of all samples, or of a long run's `ENOUGH` blocks spread over it."""
     parts = [np.empty(0)]
     for part in some_blocks(len(times)):
         predicted, sizes = predictions(times[part], values[part], REACHES[:1])
@@ -93,7 +101,8 @@ def misses(times: Array, values: Array) -> Array:
 
 
 def second_differences(times: Array, values: Array) -> Array:
-    """(n − 2,) each inner sample minus the line through its two neighbours, scaled to the noise's standard deviation."""
+    """(n − 2,) each inner sample minus the line through its two neighbours, scaled to the noise's standard
+    deviation."""
     if len(times) < 3:
         return np.empty(0)
     a, b = times[1:-1] - times[:-2], times[2:] - times[1:-1]
@@ -102,7 +111,8 @@ def second_differences(times: Array, values: Array) -> Array:
 
 
 def spread(values: Array) -> float:
-    """Standard deviation without what lies beyond `CLIP` of them, started from the size that four in five do not exceed; NaN for nothing."""
+    """Standard deviation without what lies beyond `CLIP` of them, started from the size that four in five do not
+    exceed; NaN for nothing."""
     if not len(values):
         return float("nan")
     sizes = np.abs(values)

@@ -27,9 +27,8 @@ from .touch import Touch
 def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     """Every finding about a campaign, worst first. Linear in the samples; no fit.
 
-    With a model its geometry and forces tell units and signs that the channels alone do not. What is set aside by one look the later
-    ones do not see.
-    """
+    With a model its geometry and forces tell units and signs that the channels alone do not. What is set aside by one
+    look the later ones do not see."""
     touch = None if model is None else Touch.of(model)
     found = clocks(campaign)
     campaign = set_aside(campaign, found)
@@ -52,19 +51,29 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
 
 
 def set_aside(campaign: Campaign, findings: list[Finding] | tuple[Finding, ...]) -> Campaign:
-    """The campaign without the samples and runs that the findings leave out, and with the noise that coarse readings have."""
+    """The campaign without the samples and runs that the findings leave out, and with the noise that coarse readings
+    have."""
     left_out = [f for f in findings if f.severity == SET_ASIDE]
     gone = {f.run for f in left_out if f.kind == "too_few_samples"}
     runs = tuple(_without(run, left_out) for run in campaign.runs if run.name not in gone)
-    noise = {f.channel: f.size["noise"] for f in findings if f.kind == "quantised" and "noise" in f.size and f.channel in campaign.noise_std}
+    noise = {
+        f.channel: f.size["noise"]
+        for f in findings
+        if f.kind == "quantised" and "noise" in f.size and f.channel in campaign.noise_std
+    }
     return replace(campaign, runs=runs, noise_std={**campaign.noise_std, **noise})
 
 
 def admit(campaign: Campaign, model: Model) -> tuple[Campaign, tuple[Finding, ...]]:
-    """The campaign as it may be held against a model, and all findings. Raises `InputError` where the data cannot be meant as they are written."""
+    """The campaign as it may be held against a model, and all findings. Raises `InputError` where the data cannot be
+    meant as they are written."""
     findings = look(campaign, model)
     if wrong := impossible(findings):
-        more = f" ({len(wrong) - 1} more: `inductrack check {campaign.folder} --output DIR` shows all)" if len(wrong) > 1 else ""
+        more = (
+            f" ({len(wrong) - 1} more: `inductrack check {campaign.folder} --output DIR` shows all)"
+            if len(wrong) > 1
+            else ""
+        )
         raise InputError(f"{campaign.folder}: {wrong[0].line}{more}")
     return set_aside(campaign, findings), findings
 
@@ -85,7 +94,9 @@ def _without(run: Run, findings: list[Finding]) -> Run:
     start = run.times[kept][0]
     pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
     inputs = {name: (times - start, readings) for name, (times, readings) in run.inputs.items()}
-    return replace(run, values=values[kept], times=run.times[kept] - start, stamps=run.stamps[kept], pulses=pulses, inputs=inputs)
+    return replace(
+        run, values=values[kept], times=run.times[kept] - start, stamps=run.stamps[kept], pulses=pulses, inputs=inputs
+    )
 
 
 def _causes_only(findings: list[Finding]) -> list[Finding]:
@@ -98,7 +109,10 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     for f in findings:
         whole = f.size.get("of", f.channel)
         explained = (
-            (f.kind == "noise_differs" and (f.channel in units or (late and f.channel == "surge" and f.size["ratio"] > 1)))
+            (
+                f.kind == "noise_differs"
+                and (f.channel in units or (late and f.channel == "surge" and f.size["ratio"] > 1))
+            )
             or (f.kind == "unit" and "slope" in f.size and (time or whole in units or f.channel in units))
             or (f.kind == "sign" and whole in flipped)
             or (f.kind in ("offset", "hum", "coloured_noise") and (time or whole in units))

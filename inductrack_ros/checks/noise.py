@@ -13,7 +13,12 @@ from .finding import IMPOSSIBLE, WARNING, Finding, number
 from .noise_found import Channel
 
 #: What a factor between stated and found noise may come from.
-FACTORS = ((1e3, "mm, mrad or mm/s instead of SI units"), (180.0 / np.pi, "degrees instead of radians"), (100.0, "cm instead of m"), (1e6, "millionths instead of SI units"))
+FACTORS = (
+    (1e3, "mm, mrad or mm/s instead of SI units"),
+    (180.0 / np.pi, "degrees instead of radians"),
+    (100.0, "cm instead of m"),
+    (1e6, "millionths instead of SI units"),
+)
 #: The noise found scatters by this over the root of the number of samples; of fewer samples by more.
 SCATTER, FEWEST = 1.2, 60
 
@@ -25,14 +30,20 @@ def noises(calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
         spectral = spectrum.look(calm, channel, about)
         findings += spectral
         stated = calm.noise_std.get(channel)
-        if stated and about.spread > 0.0 and about.noise > 0.0 and not any(f.kind == "coloured_noise" for f in spectral):
+        if (
+            stated
+            and about.spread > 0.0
+            and about.noise > 0.0
+            and not any(f.kind == "coloured_noise" for f in spectral)
+        ):
             quiet = sum(len(run.samples(channel)[1]) for run in calm.runs if channel in run.channels)
             findings += _differs(channel, stated, about, quiet / about.count)
     return findings
 
 
 def _differs(channel: str, stated: float, about: Channel, quiet: float) -> list[Finding]:
-    """A finding where the noise is not as stated; ``quiet`` is the part of the channel in which nothing hits the track."""
+    """A finding where the noise is not as stated; ``quiet`` is the part of the channel in which nothing hits the
+    track."""
     found = max(about.noise, about.step / np.sqrt(12.0)) if about.step else about.noise
     ratio = found / stated
     hit = quiet < 0.5 and channel != "surge"
@@ -40,17 +51,33 @@ def _differs(channel: str, stated: float, about: Channel, quiet: float) -> list[
         return []
     size = {"ratio": ratio, "found": found, "stated": stated}
     unit = UNITS[channel]
-    text = f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} of the noise_std stated, {number(stated)} {unit}"
+    text = (
+        f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} of the noise_std stated, {number(stated)}"
+        f" {unit}"
+    )
     if not 1 / levels.NOISE_IMPOSSIBLE < ratio < levels.NOISE_IMPOSSIBLE:
         hint = meant(ratio, FACTORS if unit.startswith("m") else [f for f in FACTORS if not f[1].startswith("cm")])
-        remedy = f"is one of the two in {hint}?" if hint else "noise_std is in SI units; correct it, or leave it out to have it estimated"
+        remedy = (
+            f"is one of the two in {hint}?"
+            if hint
+            else "noise_std is in SI units; correct it, or leave it out to have it estimated"
+        )
         if meant(stated / found**2, ((1.0, "its square"),)):
             remedy = f"noise_std is the standard deviation, not its square: {number(found)}"
         return [Finding("noise_differs", IMPOSSIBLE, text, remedy, channel, size=size)]
     sure = levels.sigmas(1) * SCATTER / np.sqrt(about.count)
     if about.count < FEWEST or abs(np.log(ratio)) < max(np.log(levels.NOISE_DIFFERS), sure) or about.step:
         return []
-    return [Finding("noise_differs", WARNING, text, f"correct noise_std: {{{channel}: …}}, or leave it out to have it estimated", channel, size=size)]
+    return [
+        Finding(
+            "noise_differs",
+            WARNING,
+            text,
+            f"correct noise_std: {{{channel}: …}}, or leave it out to have it estimated",
+            channel,
+            size=size,
+        )
+    ]
 
 
 def meant(ratio: float, factors: Iterable[tuple[float, str]]) -> str:

@@ -54,7 +54,11 @@ class Channel:
 
 def channels_of(campaign: Campaign) -> Mapping[str, Channel]:
     """Every channel of a campaign that has samples, as these show it."""
-    known = [c for c in campaign.channels if any(run.measured[:, run.channels.index(c)].any() for run in campaign.runs if c in run.channels)]
+    known = [
+        c
+        for c in campaign.channels
+        if any(run.measured[:, run.channels.index(c)].any() for run in campaign.runs if c in run.channels)
+    ]
     return {channel: _channel(campaign, channel) for channel in known}
 
 
@@ -64,12 +68,16 @@ def _channel(campaign: Campaign, channel: str) -> Channel:
     low, middle, high = np.quantile(values, [0.01, 0.5, 0.99])
     left = np.concatenate([deviations(t, y) for t, y in runs])
     missed = np.concatenate([misses(t, y) for t, y in runs], axis=1)
-    lines = np.concatenate([second_differences(t[part], y[part]) for t, y in runs for part in some_blocks(len(t)) or [slice(None)]])
+    lines = np.concatenate(
+        [second_differences(t[part], y[part]) for t, y in runs for part in some_blocks(len(t)) or [slice(None)]]
+    )
     if not len(left):  # runs too short for four neighbours
         left = lines
     reaches = tuple(map(spread, missed)) if missed.size else (np.inf,) * len(missed)
     step = step_of(np.concatenate([y[:READINGS] for _, y in runs]))
-    return Channel(spread(left), reaches, spread(lines), step, float(low), float(middle), float(high), sum(len(y) for _, y in runs))
+    return Channel(
+        spread(left), reaches, spread(lines), step, float(low), float(middle), float(high), sum(len(y) for _, y in runs)
+    )
 
 
 def step_of(readings: Array) -> float:
@@ -87,7 +95,11 @@ def step_of(readings: Array) -> float:
     step = float(np.quantile(small, EXCEPTIONS))
     step = float(np.median(small[small < 1.5 * step]))
     away = readings - different[len(different) // 2]
-    for reach in (30.0, 1e3, 3e4):  # a step from near readings counts those a little further off, and is sharpened by them
+    for reach in (
+        30.0,
+        1e3,
+        3e4,
+    ):  # a step from near readings counts those a little further off, and is sharpened by them
         near = away[np.abs(away) < reach * step]
         steps = np.rint(near / step)
         step = float(steps @ near / (steps @ steps)) if steps.any() else step

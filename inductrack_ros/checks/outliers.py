@@ -1,8 +1,8 @@
 """Samples that are none of their channel's: fillers written where nothing was measured, spikes, a single bad cell.
 
-What a cradle can do is not set aside, however odd it looks: it may swing in one run and lie still in all others, and where it may touch
-the track a sample can be anything that `touch.Touch` bounds. A drive's pulse is a spike of surge_acceleration.
-"""
+What a cradle can do is not set aside, however odd it looks: it may swing in one run and lie still in all others, and
+where it may touch the track a sample can be anything that `touch.Touch` bounds. A drive's pulse is a spike of
+surge_acceleration."""
 
 from __future__ import annotations
 
@@ -50,7 +50,9 @@ def outliers(campaign: Campaign, channels: Mapping[str, Channel], touch: Touch |
         for run in campaign.runs:
             if channel in run.channels:
                 found, off = _off(run, channel, about, threshold)
-                if touch is not None and channel in ACCELERATIONS and len(found):  # a blow is a step of what an accelerometer reads
+                if (
+                    touch is not None and channel in ACCELERATIONS and len(found)
+                ):  # a blow is a step of what an accelerometer reads
                     kept = ~near[run.name][found] | (off > touch.reach(channel, np.gradient(run.times)[found]))
                     found, off = found[kept], off[kept]
                 rows[run.name] = found
@@ -96,7 +98,8 @@ def _torn(run: Run, channel: str, rows: NDArray[np.intp], touch: Touch) -> NDArr
 
 
 def _jumps(run: Run, channel: str, known: NDArray[np.intp], rows: NDArray[np.intp], touch: Touch) -> bool:
-    """Whether a stretch of rows stands apart from the known sample before it and from that behind it; False where there is neither."""
+    """Whether a stretch of rows stands apart from the known sample before it and from that behind it; False where there
+    is neither."""
     first, last = np.searchsorted(known, rows[[0, -1]])
     sides = [(known[first - 1], rows[0])] if first else []
     sides += [(rows[-1], known[last + 1])] if last + 1 < len(known) else []
@@ -108,7 +111,13 @@ def _filler(campaign: Campaign, channel: str, rows: Rows, seen: list[float]) -> 
     value, times = Counter(seen).most_common(1)[0]
     count, first = len(seen), _first(campaign, rows)
     same = len(set(seen)) == 1
-    what = f"{number(value, 6)} {count} times" if same and count > 1 else number(value, 6) if count == 1 else f"{count} values such as {number(value, 6)}"
+    what = (
+        f"{number(value, 6)} {count} times"
+        if same and count > 1
+        else number(value, 6)
+        if count == 1
+        else f"{count} values such as {number(value, 6)}"
+    )
     filler = times > 1 or value in levels.FILLERS
     kind = "fillers" if filler else "outliers"
     reads = "a filler for what was not measured" if filler else "far outside of all the rest"
@@ -149,8 +158,9 @@ def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDAr
 
 
 def _leave(times: Array, values: Array, floors: Array, steps: bool) -> tuple[NDArray[np.intp], Array]:
-    """Numbers and sizes of the samples that each prediction misses by more than its floor, (p, 1), and all by `KINK` times what two of
-    the predictions differ by. ``steps``: the channel may step, so that only what stands out to one side counts."""
+    """Numbers and sizes of the samples that each prediction misses by more than its floor, (p, 1), and all by `KINK`
+    times what two of the predictions differ by. ``steps``: the channel may step, so that only what stands out to one
+    side counts."""
     numbers, sizes = [np.empty(0, np.intp)], [np.empty(0)]
     for part in blocks(len(times)):
         t, y = times[part], values[part]
@@ -178,11 +188,22 @@ def _outlier(campaign: Campaign, channel: str, rows: Rows, sizes: Array, about: 
     first = _first(campaign, rows)
     if share > levels.MOST_SET_ASIDE:
         text = f"{100 * share:.0f} % of {channel} jump away from their neighbours and back (first in {first})"
-        return Finding("outliers", IMPOSSIBLE, text, "look at the sensor and its cable, or leave the channel out", channel, samples=as_samples(rows), size=size)
+        return Finding(
+            "outliers",
+            IMPOSSIBLE,
+            text,
+            "look at the sensor and its cable, or leave the channel out",
+            channel,
+            samples=as_samples(rows),
+            size=size,
+        )
     if count == 1:
         text = f"{channel} in {first} is off by {quantity(channel, sizes[0])} from what its neighbours say"
     else:
-        text = f"{channel} has {count} outliers ({100 * share:.2g} %), off by up to {quantity(channel, sizes.max())} (first in {first})"
+        text = (
+            f"{channel} has {count} outliers ({100 * share:.2g} %), off by up to {quantity(channel, sizes.max())}"
+            f" (first in {first})"
+        )
     return Finding("outliers", SET_ASIDE, text, "", channel, samples=as_samples(rows), size=size)
 
 

@@ -1,7 +1,7 @@
 """Channels that are each other's derivative: a rate and its coordinate, an acceleration and either.
 
-Not derivatives but increments are compared, of the coordinate and of the rate's integral over the same stretch, so that noise is not blown up.
-"""
+Not derivatives but increments are compared, of the coordinate and of the rate's integral over the same stretch, so that
+noise is not blown up."""
 
 from __future__ import annotations
 
@@ -19,8 +19,16 @@ from .noise import meant
 from .noise_found import Channel
 
 #: Slopes a unit that was not SI gives.
-FACTORS = ((1e3, "mm, mrad or mm/s instead of SI units"), (180 / np.pi, "degrees instead of radians"), (3.6, "km/h instead of m/s"), (100.0, "cm instead of m"), (60.0, "per minute instead of per second"), (9.81, "g instead of m/s²"))
-#: Samples of each run that are looked at, and how many of them an increment spans: the span whose increments correlate best is taken.
+FACTORS = (
+    (1e3, "mm, mrad or mm/s instead of SI units"),
+    (180 / np.pi, "degrees instead of radians"),
+    (3.6, "km/h instead of m/s"),
+    (100.0, "cm instead of m"),
+    (60.0, "per minute instead of per second"),
+    (9.81, "g instead of m/s²"),
+)
+#: Samples of each run that are looked at, and how many of them an increment spans: the span whose increments correlate
+#: best is taken.
 MOST, SPANS = 60_000, (1, 2, 4, 8, 16, 32)
 #: Increments that an answer needs.
 FEWEST = 20
@@ -28,13 +36,14 @@ FEWEST = 20
 STEADY = 3.0
 #: A delay is said from this part of a step between samples on, and where it is this many standard deviations.
 DELAY, SURE = 0.5, 6.0
-#: Channels further apart than this many steps, alike once they are shifted to this correlation and not to the second before, have two clocks.
+#: Channels further apart than this many steps, alike once they are shifted to this correlation and not to the second
+#: before, have two clocks.
 FAR, SHIFTED, UNSHIFTED = 10, 0.95, 0.7
 
 
 def pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Findings about rates and accelerations that are not the derivative of their coordinate; of impacts, which are not in ``calm``,
-    an accelerometer's samples see too little."""
+    """Findings about rates and accelerations that are not the derivative of their coordinate; of impacts, which are not
+    in ``calm``, an accelerometer's samples see too little."""
     findings: list[Finding] = []
     for k, coordinate in enumerate(COORDINATES):
         rate, acceleration = RATES[k], ACCELERATIONS[k]
@@ -59,7 +68,10 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
         shift = _shift(runs, whole, derivative, order)
         if shift is None:
             return []
-        text = f"{derivative} and {whole} are {number(1e3 * abs(shift))} ms apart: the {'latter' if shift > 0 else 'former'} comes later"
+        text = (
+            f"{derivative} and {whole} are {number(1e3 * abs(shift))} ms apart: the"
+            f" {'latter' if shift > 0 else 'former'} comes later"
+        )
         step = float(np.median([np.median(np.diff(r.times)) for r in runs]))
         severity = IMPOSSIBLE if abs(shift) > FAR * step else WARNING
         return [Finding("offset", severity, text, "stamp both with one clock", derivative, size={"offset": shift})]
@@ -69,17 +81,26 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
     what = "derivative" if order == 1 else "second derivative"
     if slope < 0:
         text = f"{derivative} runs against {whole}: its sign is not that of the {what}"
-        return [Finding("sign", IMPOSSIBLE, text, f"flip the sign of {derivative}, or of {whole}", derivative, size=size)]
+        return [
+            Finding("sign", IMPOSSIBLE, text, f"flip the sign of {derivative}, or of {whole}", derivative, size=size)
+        ]
     if not 1 / levels.UNIT < slope < levels.UNIT:
         hint = meant(slope, FACTORS)
         text = f"{derivative} is {number(1 / slope)} times the {what} of {whole}"
-        remedy = f"all channels are in SI units; is one of the two in {hint}?" if hint else "all channels are in SI units; convert one of the two"
+        remedy = (
+            f"all channels are in SI units; is one of the two in {hint}?"
+            if hint
+            else "all channels are in SI units; convert one of the two"
+        )
         return [Finding("unit", IMPOSSIBLE, text, remedy, derivative, size=size)]
     return _late(runs, whole, derivative, (a, b, late)) if order == 1 else []
 
 
-def _increments(runs: list[Run], whole: str, derivative: str, order: int, span: int) -> tuple[Array, Array, Array] | None:
-    """Increments over ``span`` samples: of the channel, of its derivative's integral, of the derivative; second differences for order 2."""
+def _increments(
+    runs: list[Run], whole: str, derivative: str, order: int, span: int
+) -> tuple[Array, Array, Array] | None:
+    """Increments over ``span`` samples: of the channel, of its derivative's integral, of the derivative; second
+    differences for order 2."""
     parts = []
     for run in runs:
         rows = np.flatnonzero(~np.isnan(run[whole]) & ~np.isnan(run[derivative]))[:MOST]
@@ -101,7 +122,9 @@ def _increments(runs: list[Run], whole: str, derivative: str, order: int, span: 
         return None
     # Impacts, of which samples see too little, and what else is rare are left out.
     size = np.abs(table[:2] - np.median(table[:2], axis=1, keepdims=True))
-    kept = (size <= 20 * np.quantile(size, 0.8, axis=1, keepdims=True) + 1e-300).all(axis=0) & np.isfinite(table).all(axis=0)
+    kept = (size <= 20 * np.quantile(size, 0.8, axis=1, keepdims=True) + 1e-300).all(axis=0) & np.isfinite(table).all(
+        axis=0
+    )
     return tuple(table[:, kept]) if kept.sum() >= FEWEST else None
 
 
@@ -131,7 +154,8 @@ def _late(runs: list[Run], whole: str, derivative: str, increments: tuple[Array,
 
 
 def _shift(runs: list[Run], whole: str, derivative: str, order: int) -> float | None:
-    """Seconds by which the channel comes after its derivative says so, where that makes them alike; None where nothing does."""
+    """Seconds by which the channel comes after its derivative says so, where that makes them alike; None where nothing
+    does."""
     best: list[tuple[float, float]] = []
     for run in runs:
         rows = np.flatnonzero(~np.isnan(run[whole]) & ~np.isnan(run[derivative]))[:MOST]

@@ -1,4 +1,5 @@
-"""Data that do not belong to the model's motion as they are written: which unit, sign or clock would make them belong?"""
+"""Data that do not belong to the model's motion as they are written: which unit, sign or clock would make them
+belong?"""
 
 from __future__ import annotations
 
@@ -31,11 +32,17 @@ _CURRENTS = ((1e3, "kA"), (1e-3, "mA"))
 
 
 def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) -> list[Finding]:
-    """Findings about units, signs and clocks that the model's own motion gives away: of all runs, or of some where the others are read rightly."""
+    """Findings about units, signs and clocks that the model's own motion gives away: of all runs, or of some where the
+    others are read rightly."""
     together = _read(campaign, channels, model)
     if len(campaign.runs) == 1:
         return together
-    apart = {run.name: _read(replace(campaign, runs=(run,)), channels, model, max(FEWEST_APART, WINDOWS // len(campaign.runs))) for run in campaign.runs}
+    apart = {
+        run.name: _read(
+            replace(campaign, runs=(run,)), channels, model, max(FEWEST_APART, WINDOWS // len(campaign.runs))
+        )
+        for run in campaign.runs
+    }
     odd = {name: found for name, found in apart.items() if impossible(found)}
     if not odd or len(odd) == len(apart):
         return together
@@ -85,7 +92,10 @@ def _unlike(left: Mapping[str, float]) -> list[Finding]:
     names = bad(left)
     if not names:
         return []
-    text = f"{shared(names)} {'moves' if len(names) == 1 else 'move'} by other forces than this model's, and no unit, sign or exchange of channels explains it"
+    text = (
+        f"{shared(names)} {'moves' if len(names) == 1 else 'move'} by other forces than this model's, and no unit, sign"
+        " or exchange of channels explains it"
+    )
     remedy = "look at the channels, the model's parameters and drive_current: no small effect makes such a difference"
     return [Finding("unlike", WARNING, text, remedy, names[0], size={"channels": names, "off": dict(left)})]
 
@@ -101,15 +111,32 @@ def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
     speeds = _speeds(campaign)
     if not stops(model) or not speeds or max(speeds) > -levels.MOVING:
         return []
-    text = f"surge runs backwards in all runs, at up to {number(-min(speeds))} m/s, where nothing lifts or drives the cradle"
-    return [Finding("axis_flipped", IMPOSSIBLE, text, "change the sign of surge; it grows along the travel", "surge", size={"candidates": ["surge"]})]
+    text = (
+        f"surge runs backwards in all runs, at up to {number(-min(speeds))} m/s, where nothing lifts or drives the"
+        " cradle"
+    )
+    return [
+        Finding(
+            "axis_flipped",
+            IMPOSSIBLE,
+            text,
+            "change the sign of surge; it grows along the travel",
+            "surge",
+            size={"candidates": ["surge"]},
+        )
+    ]
 
 
 def _with_gravity(campaign: Campaign, model: Model) -> list[Finding]:
-    """An accelerometer from whose readings what holds the cradle up was not taken off: on average no cradle falls or climbs like that."""
+    """An accelerometer from whose readings what holds the cradle up was not taken off: on average no cradle falls or
+    climbs like that."""
     channel, gravity = "heave_acceleration", model.parameters["gravity"]
     fall = float(np.sqrt(2.0 * _room(model)["heave"] / gravity)) if stops(model) else np.inf
-    runs = [run for run in campaign.runs if channel in run.channels and run.duration > 4 * fall and run.measured[:, run.channels.index(channel)].any()]
+    runs = [
+        run
+        for run in campaign.runs
+        if channel in run.channels and run.duration > 4 * fall and run.measured[:, run.channels.index(channel)].any()
+    ]
     means = [float(np.nanmean(run[channel])) for run in runs]
     if not means or abs(abs(float(np.median(means))) - gravity) > levels.UPRIGHT * gravity:
         return []
@@ -126,7 +153,8 @@ def _speeds(campaign: Campaign) -> list[float]:
 
 
 def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tuple[Reading, list[Finding]]:
-    """What is outside of the room the track leaves, by far: in another unit, or measured from another zero. And speeds that nothing has."""
+    """What is outside of the room the track leaves, by far: in another unit, or measured from another zero. And speeds
+    that nothing has."""
     now, found = Reading(), []
     if not stops(model):
         return now, found
@@ -141,14 +169,29 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
         if abs(middle) + spread < levels.OUTSIDE * room:
             continue
         si = "rad" if channel == "roll" else "m"
-        text = f"{channel} is about {number(middle)} {si} and spans {number(spread)} {si}, where the track leaves it {number(room)} {si}"
+        text = (
+            f"{channel} is about {number(middle)} {si} and spans {number(spread)} {si}, where the track leaves it"
+            f" {number(room)} {si}"
+        )
         size = {"middle": middle, "spread": spread, "room": room}
-        fits = [(f, unit) for f, unit in (_ANGLE if channel == "roll" else _LENGTH) if f * (abs(middle) + spread) < levels.OUTSIDE / 2 * room]
+        fits = [
+            (f, unit)
+            for f, unit in (_ANGLE if channel == "roll" else _LENGTH)
+            if f * (abs(middle) + spread) < levels.OUTSIDE / 2 * room
+        ]
         if spread < room or not fits:
-            remedy = "its zero is where all three gaps are the nominal gap: subtract what it reads there" if spread < room else "look at its unit"
+            remedy = (
+                "its zero is where all three gaps are the nominal gap: subtract what it reads there"
+                if spread < room
+                else "look at its unit"
+            )
             found.append(Finding("zero" if spread < room else "unit", IMPOSSIBLE, text, remedy, channel, size=size))
             continue
-        left = [0.0] if windows is None else [total(misfits(windows, model, now.times(channel, f)), windows.values) for f, _ in fits]
+        left = (
+            [0.0]
+            if windows is None
+            else [total(misfits(windows, model, now.times(channel, f)), windows.values) for f, _ in fits]
+        )
         factor, unit = fits[int(np.argmin(left))]
         found.append(_unit(channel, text, factor, unit, size))
         now = now.times(channel, factor)
@@ -166,7 +209,8 @@ def _extent(campaign: Campaign, channel: str) -> tuple[float, float]:
 
 
 def _room(model: Model) -> dict[str, float]:
-    """How far from its zero the track lets each coordinate and gap go at most, about: the gaps of the three arrays stay positive."""
+    """How far from its zero the track lets each coordinate and gap go at most, about: the gaps of the three arrays stay
+    positive."""
     gap = model.parameters["nominal_gap"]
     root = np.sqrt(2.0)
     aside = (1 + root) * gap
@@ -177,7 +221,10 @@ def _room(model: Model) -> dict[str, float]:
 def _unit(channel: str, text: str, factor: float, unit: str, size: Mapping[str, float]) -> Finding:
     si = "rad" if channel == "roll" else "m"
     short = {"degrees": "deg"}.get(unit, unit)
-    remedy = f"it seems to be in {unit}; {channel} is in {si}: multiply it by {factor:.4g}, or write '{channel} [{short}]' in the header"
+    remedy = (
+        f"it seems to be in {unit}; {channel} is in {si}: multiply it by {factor:.4g}, or write '{channel} [{short}]'"
+        " in the header"
+    )
     return Finding("unit", IMPOSSIBLE, text, remedy, channel, size={**size, "factor": factor})
 
 
@@ -208,14 +255,22 @@ def _explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
 
 
 def _finding(campaign: Campaign, names: list[str], factor: float, size: Mapping[str, object]) -> Finding:
-    """What is said of the readings ``names`` that explain equally well, best first; the best multiplies by ``factor``."""
+    """What is said of the readings ``names`` that explain equally well, best first; the best multiplies by
+    ``factor``."""
     what, _, unit = names[0].partition(" in ")
     if names[0].endswith(" flipped"):
         return _flipped([c for c in (*COORDINATES, *GAPS) if f"{c} flipped" in names], size)
     if names[0].endswith(" swapped"):
         pair = names[0].removesuffix(" swapped")
         remedy = "exchange the two channels; x is along the travel, y left, z up, and left is seen along the travel"
-        return Finding("axis_flipped", IMPOSSIBLE, f"{pair} are swapped", remedy, pair.split()[0], size={**size, "candidates": pair.split(" and ")})
+        return Finding(
+            "axis_flipped",
+            IMPOSSIBLE,
+            f"{pair} are swapped",
+            remedy,
+            pair.split()[0],
+            size={**size, "candidates": pair.split(" and ")},
+        )
     if what == "time":
         step = float(np.median(np.diff(campaign.runs[0].times)))
         text = f"time is in {unit}: with a sample every {number(step)} s nothing would fly as it does"
@@ -223,8 +278,18 @@ def _finding(campaign: Campaign, names: list[str], factor: float, size: Mapping[
         return Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": 1 / factor})
     if what == "drive_current":
         stated = shared([f"{run.drive_current:g}" for run in campaign.runs])
-        text = f"drive_current ({stated} A) is {number(1 / factor)} times what accelerates the cradle as measured: it seems to be in {unit}"
-        return Finding("unit", IMPOSSIBLE, text, f"drive_current is in A; multiply it by {factor:g} in campaign.yaml", what, size={**size, "factor": factor})
+        text = (
+            f"drive_current ({stated} A) is {number(1 / factor)} times what accelerates the cradle as measured: it"
+            f" seems to be in {unit}"
+        )
+        return Finding(
+            "unit",
+            IMPOSSIBLE,
+            text,
+            f"drive_current is in A; multiply it by {factor:g} in campaign.yaml",
+            what,
+            size={**size, "factor": factor},
+        )
     return _unit(what, f"as it is written {what} does not belong to the model's motion", factor, unit, size)
 
 
@@ -232,7 +297,10 @@ def _flipped(channels: list[str], size: Mapping[str, object]) -> Finding:
     """One of the channels has its sign changed."""
     either = " or ".join(channels)
     if len(channels) > 1:
-        text = f"{shared(channels)} do not fit each other: the axis of one of them is flipped; the mirror image looks the same, so these data cannot tell which"
+        text = (
+            f"{shared(channels)} do not fit each other: the axis of one of them is flipped; the mirror image looks the"
+            " same, so these data cannot tell which"
+        )
     else:
         text = f"the axis of {either} is flipped: only with its sign changed it moves as the forces of the model say"
     sensors = " or ".join(f"sensor_scale:{c}" for c in channels)

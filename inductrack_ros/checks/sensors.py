@@ -14,7 +14,8 @@ from .noise_found import READINGS, Channel, step_of
 
 
 def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Findings about every channel's readings; ``calm`` is the campaign without samples at which the cradle may rest on the track."""
+    """Findings about every channel's readings; ``calm`` is the campaign without samples at which the cradle may rest on
+    the track."""
     findings: list[Finding] = []
     for channel, about in channels.items():
         if dead := _constant(campaign, channel, about):
@@ -26,7 +27,8 @@ def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel])
 
 
 def held(campaign: Campaign) -> list[Finding]:
-    """Channels that are measured less often than they are logged: a value stands until the next one comes, its repeats are no measurements."""
+    """Channels that are measured less often than they are logged: a value stands until the next one comes, its repeats
+    are no measurements."""
     findings = []
     for channel in campaign.channels:
         rows: dict[str, Array] = {}
@@ -40,12 +42,27 @@ def held(campaign: Campaign) -> list[Finding]:
         every, jump = np.concatenate(lengths), np.concatenate(jumps)
         if len(every) < levels.FEW or np.median(every) < 2 or np.quantile(every, 0.9) > 2 * np.median(every):
             continue
-        step = step_of(np.concatenate([run.samples(channel)[1][:READINGS] for run in campaign.runs if channel in run.channels]))
+        step = step_of(
+            np.concatenate([run.samples(channel)[1][:READINGS] for run in campaign.runs if channel in run.channels])
+        )
         if np.median(jump) <= 3.0 * step:  # readings in steps repeat by themselves
             continue
         count = int(every.sum() - len(every))
-        text = f"{channel} is measured every {number(float(np.median(every)), 2)} samples and held in between: {count} repeats are no measurements"
-        findings.append(Finding("held", SET_ASIDE, text, "", channel, samples=as_samples(rows), size={"count": count, "every": float(np.median(every))}))
+        text = (
+            f"{channel} is measured every {number(float(np.median(every)), 2)} samples and held in between: {count}"
+            " repeats are no measurements"
+        )
+        findings.append(
+            Finding(
+                "held",
+                SET_ASIDE,
+                text,
+                "",
+                channel,
+                samples=as_samples(rows),
+                size={"count": count, "every": float(np.median(every))},
+            )
+        )
     return findings
 
 
@@ -60,14 +77,26 @@ def _constant(campaign: Campaign, channel: str, about: Channel) -> list[Finding]
     if len(still) == len(runs):
         stated = channel in campaign.noise_std
         text = f"{channel} is {number(value)} in every sample: {reason}"
-        remedy = "leave the channel out" if stated else f"leave the channel out, or give noise_std: {{{channel}: …}} in campaign.yaml if it is truly at rest"
-        # With a noise that is stated a channel at rest can be held against the model; what its noise is nobody can tell from it.
+        remedy = (
+            "leave the channel out"
+            if stated
+            else f"leave the channel out, or give noise_std: {{{channel}: …}} in campaign.yaml if it is truly at rest"
+        )
+        # With a noise that is stated a channel at rest can be held against the model; what its noise is nobody can tell
+        # from it.
         return [Finding("constant", WARNING if stated else IMPOSSIBLE, text, remedy, channel, size={"value": value})]
     size = {"value": value, "runs": len(still)}
-    text = f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other runs: "
+    text = (
+        f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other"
+        " runs: "
+    )
     if about.step >= about.noise:  # a sensor that is well reads so too where nothing moves by as much as its step
         text += f"it is at rest there to its step of {quantity(channel, about.step)}, or the sensor is dead"
-        return [Finding("constant", WARNING, text, "leave the column out of a run where the sensor is dead", channel, size=size)]
+        return [
+            Finding(
+                "constant", WARNING, text, "leave the column out of a run where the sensor is dead", channel, size=size
+            )
+        ]
     rows = {run.name: np.flatnonzero(~np.isnan(run[channel])) for run in still}
     return [Finding("constant", SET_ASIDE, text + reason, "", channel, samples=as_samples(rows), size=size)]
 
@@ -101,7 +130,9 @@ def _flat(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
         return []
     value = number(float(run[channel][at]), 6)
     # A sensor's end of range is an effect of the catalogue: the diagnosis is to see it.
-    kind, severity, what = ("saturated", WARNING, "the end of the sensor's range") if ends else ("stuck", SET_ASIDE, "the sensor hangs")
+    kind, severity, what = (
+        ("saturated", WARNING, "the end of the sensor's range") if ends else ("stuck", SET_ASIDE, "the sensor hangs")
+    )
     text = f"{channel} stays at {value} for {length} samples from {place(run, at)}: {what}; {count} such samples in all"
     size = {"count": count, "share": count / about.count, "value": float(run[channel][at])}
     return [Finding(kind, severity, text, "", channel, samples=as_samples(rows), size=size)]
@@ -123,11 +154,15 @@ def _coarse(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
     size = {"step": about.step}
     if stated < 0.95 * least or about.noise > 1.1 * stated:
         size["noise"] = with_step(stated, about)
-        text += f", coarser than its noise_std says: {quantity(channel, size['noise'])} is taken instead of {quantity(channel, stated)}"
+        text += (
+            f", coarser than its noise_std says: {quantity(channel, size['noise'])} is taken instead of"
+            f" {quantity(channel, stated)}"
+        )
     return [Finding("quantised", WARNING, text, "", channel, size=size)]
 
 
 def with_step(stated: float, about: Channel) -> float:
-    """Noise of a channel whose stated noise may leave its rounding out: what is found, within what stated noise and rounding can give."""
+    """Noise of a channel whose stated noise may leave its rounding out: what is found, within what stated noise and
+    rounding can give."""
     rounding = about.step / np.sqrt(12.0)
     return float(np.clip(about.noise, max(stated, rounding), np.hypot(stated, rounding)))

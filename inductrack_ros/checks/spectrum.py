@@ -1,8 +1,8 @@
 """The noise's colour and a hum, from the upper part of each channel's spectrum, where a cradle's motion has died away.
 
-Of every stretch with even steps the deviations from the neighbours' cubics are taken, whose spectrum is that of the channel times a known
-filter (2 − 2 cos ω)⁴/36/(70/36): motion is held down and white noise comes out flat again once the filter is divided out.
-"""
+Of every stretch with even steps the deviations from the neighbours' cubics are taken, whose spectrum is that of the
+channel times a known filter (2 − 2 cos ω)⁴/36/(70/36): motion is held down and white noise comes out flat again once
+the filter is divided out."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from . import levels
 from .finding import WARNING, Finding, number, quantity
 from .noise_found import Channel
 
-#: Samples in a stretch that is transformed at a time, the first of these that gives enough stretches; most of them, and fewest for an answer.
+#: Samples in a stretch that is transformed at a time, the first of these that gives enough stretches; most of them, and
+#: fewest for an answer.
 LENGTHS, MOST, FEWEST = (256, 128, 64), 200, 8
-#: Frequencies from this part of the sampling rate up are looked at: for a hum, and for colour, which motion must not imitate.
-#: A cradle's motion has died away above so many Hz; what impacts leave of it above the second imitates no colour.
+#: Frequencies from this part of the sampling rate up are looked at: for a hum, and for colour, which motion must not
+#: imitate. A cradle's motion has died away above so many Hz; what impacts leave of it above the second imitates no
+#: colour.
 LOWEST, NO_MOTION, QUIET, SILENT = 0.04, 0.15, 20.0, 32.0
-#: A hum is at least this amplitude over the noise, and its line falls to a third of its power within so many frequencies on both sides.
+#: A hum is at least this amplitude over the noise, and its line falls to a third of its power within so many
+#: frequencies on both sides.
 HUM, WIDTH = 0.4, 4
 #: Correlation from sample to sample from which noise is called coloured.
 CORRELATION = 0.3
@@ -40,7 +43,9 @@ def look(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
     if line := _line(frequency, power / _shape(correlation, frequency * step), gains, count):
         at, amplitude = line
         if amplitude > HUM:
-            at_line = _shape(correlation, np.array([at * step]))[0] * np.median(power[quiet] / _shape(correlation, frequency[quiet] * step))
+            at_line = _shape(correlation, np.array([at * step]))[0] * np.median(
+                power[quiet] / _shape(correlation, frequency[quiet] * step)
+            )
             amplitude *= float(np.sqrt(at_line))
             text = f"{channel} hums at {number(at)} Hz, amplitude {quantity(channel, amplitude)}"
             return [Finding("hum", WARNING, text, "", channel, size={"frequency": at, "amplitude": amplitude})]
@@ -48,13 +53,17 @@ def look(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
         if stated := campaign.noise_std.get(channel):
             correlation = _with_size(frequency[quiet] * step, power[quiet], count, stated, correlation)
         time = -step / np.log(correlation)
-        text = f"the noise of {channel} is coloured: it forgets itself in {number(1e3 * time, 2)} ms, samples are {number(1e3 * step, 2)} ms apart"
+        text = (
+            f"the noise of {channel} is coloured: it forgets itself in {number(1e3 * time, 2)} ms, samples are"
+            f" {number(1e3 * step, 2)} ms apart"
+        )
         return [Finding("coloured_noise", WARNING, text, "", channel, size={"correlation_time": float(time)})]
     return []
 
 
 def _spectrum(campaign: Campaign, channel: str) -> tuple[Array, Array, Array, int, float] | None:
-    """Frequencies (Hz), median power at them of the deviations, the filter's power gain there, stretches taken, and their step (s).
+    """Frequencies (Hz), median power at them of the deviations, the filter's power gain there, stretches taken, and
+    their step (s).
 
     Power over gain is the variance of white noise that has as much.
     """
@@ -95,18 +104,21 @@ def _shape(correlation: float, cycles: Array) -> Array:
 
 
 def _colour(cycles: Array, power: Array, count: int) -> tuple[float, float]:
-    """Correlation from sample to sample of the first-order noise nearest to the spectrum, and how much likelier it is than white noise (log)."""
+    """Correlation from sample to sample of the first-order noise nearest to the spectrum, and how much likelier it is
+    than white noise (log)."""
     trials = np.linspace(0.0, 0.97, 98)
     ratio = power / np.stack([_shape(r, cycles) for r in trials])
-    misfit = len(power) * np.log(ratio.mean(axis=1)) + np.log(power / ratio).sum(axis=1)  # Whittle, the size profiled out
+    misfit = len(power) * np.log(ratio.mean(axis=1)) + np.log(power / ratio).sum(
+        axis=1
+    )  # Whittle, the size profiled out
     best = int(np.argmin(misfit))
     # stretches overlap and a median keeps two thirds of the mean's information: about a third of the count
     return float(trials[best]), float(count / 3.0 * (misfit[0] - misfit[best]))
 
 
 def _with_size(cycles: Array, power: Array, count: int, stated: float, free: float) -> float:
-    """The correlation with which first-order noise of the stated size has this spectrum, where it has it about as well as with any size:
-    of noise with a long memory the spectrum above the motion shows the size of the steps only."""
+    """The correlation with which first-order noise of the stated size has this spectrum, where it has it about as well
+    as with any size: of noise with a long memory the spectrum above the motion shows the size of the steps only."""
     trials = np.linspace(0.01, 0.995, 198)
     models = np.stack([stated**2 * (1 - r**2) * _shape(r, cycles) for r in trials])
     misfits = (np.log(models) + power / models).sum(axis=1)
@@ -117,7 +129,8 @@ def _with_size(cycles: Array, power: Array, count: int, stated: float, free: flo
 
 
 def _line(frequency: Array, power: Array, gains: Array, count: int) -> tuple[float, float] | None:
-    """Frequency (Hz) of the strongest line in an otherwise flat spectrum and its amplitude over the noise; None where chance gives as much."""
+    """Frequency (Hz) of the strongest line in an otherwise flat spectrum and its amplitude over the noise; None where
+    chance gives as much."""
     flat = np.median(power)
     peak = int(np.argmax(power[WIDTH:-WIDTH])) + WIDTH if len(power) > 4 * WIDTH else 0
     near = slice(peak - WIDTH, peak + WIDTH + 1)
@@ -128,6 +141,7 @@ def _line(frequency: Array, power: Array, gains: Array, count: int) -> tuple[flo
         return None
     line = np.maximum(power[near] - flat, 0.0) * gains[near]  # as it was filtered: there the window's shape is even
     at = float(line @ frequency[near] / line.sum())
-    # Parseval: a line of amplitude a adds a²/4 for each sample of the window; a flat median stands ln 2 off a line's full power
+    # Parseval: a line of amplitude a adds a²/4 for each sample of the window; a flat median stands ln 2 off a line's
+    #     full power
     transformed = len(power) / (0.5 - LOWEST)
     return at, float(np.sqrt(4.0 * np.log(2.0) * line.sum() / np.interp(at, frequency, gains) / flat / transformed))

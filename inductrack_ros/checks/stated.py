@@ -1,4 +1,5 @@
-"""What campaign.yaml says of a run against what its samples say: the initial state, and conditions that take a parameter's place."""
+"""What campaign.yaml says of a run against what its samples say: the initial state, and conditions that take a
+parameter's place."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from .pairs import FACTORS
 
 #: Samples at a run's beginning from which the state there is taken, by a parabola.
 FIRST = 9
-#: A stated number is off by so many standard deviations of what the samples say: from here on it is said; it is significant itself.
+#: A stated number is off by so many standard deviations of what the samples say: from here on it is said; it is
+#: significant itself.
 OFF, SURE = 10.0, 30.0
 
 
@@ -37,19 +39,25 @@ def _states(run: Run, channels: Mapping[str, Channel]) -> list[Finding]:
             continue
         there, deviation = begins
         size = {"stated": value, "measured": there}
-        text = f"initial_state of {run.file.name} says {state} {number(value, 4)} {UNITS[state]}, where its samples begin at {number(there, 4)} {UNITS[state]}"
+        text = (
+            f"initial_state of {run.file.name} says {state} {number(value, 4)} {UNITS[state]}, where its samples begin"
+            f" at {number(there, 4)} {UNITS[state]}"
+        )
         factor = value / there if there else np.inf
         if max(abs(value), abs(there)) > SURE * deviation and not 1 / levels.UNIT < factor < levels.UNIT:
             hint = meant(abs(factor), FACTORS) if 0 < abs(factor) < np.inf else ""
             remedy = f"is it in {hint}?" if hint else "correct it, or leave it out to have it estimated"
             findings.append(Finding("initial_state", IMPOSSIBLE, text, remedy, state, run.name, size=size))
         else:
-            findings.append(Finding("initial_state", WARNING, text, "leave it out to have it estimated", state, run.name, size=size))
+            findings.append(
+                Finding("initial_state", WARNING, text, "leave it out to have it estimated", state, run.name, size=size)
+            )
     return findings
 
 
 def _beginning(run: Run, state: str, channels: Mapping[str, Channel]) -> tuple[float, float] | None:
-    """A state at a run's first sample and its standard deviation, from its own channel, of a rate else from its coordinate's."""
+    """A state at a run's first sample and its standard deviation, from its own channel, of a rate else from its
+    coordinate's."""
     of = state if state in run.channels else state.removesuffix("_rate")
     about = channels.get(of)
     if about is None or of not in run.channels:
@@ -72,6 +80,19 @@ def _conditions(run: Run, model: Model) -> list[Finding]:
         usual = model.parameters.get(name) if name in PARAMETERS else None
         if usual and value and not 1 / levels.NOISE_IMPOSSIBLE < value / usual < levels.NOISE_IMPOSSIBLE:
             unit = PARAMETERS[name].unit
-            text = f"conditions of {run.file.name} say {name} {number(value, 4)} {unit}, {number(value / usual)} times the model's {number(usual, 4)} {unit}"
-            findings.append(Finding("condition", IMPOSSIBLE, text, "conditions are in SI units; correct it", name, run.name, size={"stated": value, "model": usual}))
+            text = (
+                f"conditions of {run.file.name} say {name} {number(value, 4)} {unit}, {number(value / usual)} times the"
+                f" model's {number(usual, 4)} {unit}"
+            )
+            findings.append(
+                Finding(
+                    "condition",
+                    IMPOSSIBLE,
+                    text,
+                    "conditions are in SI units; correct it",
+                    name,
+                    run.name,
+                    size={"stated": value, "model": usual},
+                )
+            )
     return findings

@@ -1,4 +1,5 @@
-"""What the track does to a cradle that touches it: where that may be, and how far from its neighbours it can throw a sample."""
+"""What the track does to a cradle that touches it: where that may be, and how far from its neighbours it can throw a
+sample."""
 
 from __future__ import annotations
 
@@ -31,8 +32,8 @@ class Touch:
     acceleration: m/s², what the contact's spring and damper make of that speed
     lever: m, arm of an array about the roll axis
     closest: m, at a smaller gap the cradle may touch
-    gaps: by gap how it opens with sway and heave, and (81,) how large it is at `ROLLS` (m); empty where nothing can be touched
-    """
+    gaps: by gap how it opens with sway and heave, and (81,) how large it is at `ROLLS` (m); empty where nothing can be
+        touched"""
 
     room: float
     speed: float
@@ -63,7 +64,8 @@ class Touch:
         return np.minimum(2.0 * self.speed * steps, np.inf if channel == "surge" else self.room) / scale
 
     def near(self, run: Run) -> NDArray[np.bool_]:
-        """(n,) Whether the cradle may touch at a sample or beside it, by the gaps that are measured and those at the measured places.
+        """(n,) Whether the cradle may touch at a sample or beside it, by the gaps that are measured and those at the
+        measured places.
 
         What is not measured is taken to be at its zero. A single sample, which may be the bad one, decides nothing.
         """

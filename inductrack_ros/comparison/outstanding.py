@@ -1,10 +1,10 @@
 """Where most goes wrong, once every window starts afresh: a region of speed, gap, place or contact, or several that the
 runs cannot tell apart.
 
-A region is the stretches around the worst of its kind whose error, beyond the noise, is at least a quarter of the worst's. It
-stands out where the error inside exceeds that outside by `STANDS_OUT`. Regions of several kinds often hold the same
-samples (a run that gains speed passes each place at one speed). A second one is left out only where the data speak
-against it: where samples of its own, outside the first, are sound, or samples of the first, outside it, are not.
+A region is the stretches around the worst of its kind whose error, beyond the noise, is at least a quarter of the
+worst's. It stands out where the error inside exceeds that outside by `STANDS_OUT`. Regions of several kinds often hold
+the same samples (a run that gains speed passes each place at one speed). A second one is left out only where the data
+speak against it: where samples of its own, outside the first, are sound, or samples of the first, outside it, are not.
 """
 
 from __future__ import annotations
@@ -47,7 +47,9 @@ class Outstanding:
     channel: str
 
 
-def outstanding(runs: Sequence[RunComparison], stretches: Sequence[Stretch], channels: Sequence[str]) -> Outstanding | None:
+def outstanding(
+    runs: Sequence[RunComparison], stretches: Sequence[Stretch], channels: Sequence[str]
+) -> Outstanding | None:
     """What stands out; None where nothing does, or where no window was started afresh."""
     if any(r.restarted is None for r in runs):
         return None

@@ -48,7 +48,6 @@ def _slope(times: Array, values: Array, reach: int = 12) -> Array:
     return (values[high] - values[low]) / (times[high] - times[low])
 
 
-
 def stretches(runs: tuple[RunComparison, ...]) -> tuple[Stretch, ...]:
     found: list[Stretch] = []
     for by, unit, about in KINDS:

@@ -1,4 +1,5 @@
-"""Where compiled code is kept: also for who has no home, no entry in the list of users, or a package that cannot be written."""
+"""Where compiled code is kept: also for who has no home, no entry in the list of users, or a package that cannot be
+written."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ def _of_the_user() -> Iterator[Path]:
 
 
 def compiled_once(function: Callable) -> Callable:
-    """``function`` of this package as machine code, kept beside its file, or in `cache_folder` where that cannot be written."""
+    """``function`` of this package as machine code, kept beside its file, or in `cache_folder` where that cannot be
+    written."""
     try:
         return numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:  # numba finds no place of its own

@@ -42,7 +42,8 @@ def load(
     flags: Sequence[str] = (),
     announce: Callable[[str], None] | None = None,
 ) -> types.ModuleType:
-    """The module of ``text``, in which item i's compiled functions stand by `function_name`; one for each text and functions.
+    """The module of ``text``, in which item i's compiled functions stand by `function_name`; one for each text and
+    functions.
 
     ``warm_up`` calls what is to be compiled now; ``flags`` are arguments that are true or false; ``announce`` is told
     where compiling will take its time. Raises `InputError` for an effect that numba cannot compile.
@@ -183,7 +184,11 @@ def _is_ours(item: Effect) -> bool:
 def place_of(item: Effect) -> str:
     """Who is at fault, at the head of a message: file and line too where the effect is the user's."""
     code = item.function.__code__
-    return f"effect '{item.name}'" if _is_ours(item) else f"{code.co_filename}, line {code.co_firstlineno}: effect '{item.name}'"
+    return (
+        f"effect '{item.name}'"
+        if _is_ours(item)
+        else f"{code.co_filename}, line {code.co_firstlineno}: effect '{item.name}'"
+    )
 
 
 def function_name(index: int, number: int) -> str:
@@ -192,7 +197,8 @@ def function_name(index: int, number: int) -> str:
 
 
 def _check_alone(item: Effect, number: int, function: Callable, flags: Sequence[str]) -> None:
-    """Compile one function of an effect for numbers and look at what it returns, so that an error names it and comes at once."""
+    """Compile one function of an effect for numbers and look at what it returns, so that an error names it and comes at
+    once."""
     part, last = item.parts[number], number == len(item.parts) - 1
     real, flag = numba.float64, numba.boolean
     own = set(item.parameters) | set(item.states)
@@ -203,7 +209,9 @@ def _check_alone(item: Effect, number: int, function: Callable, flags: Sequence[
     try:
         function.compile(signature)
     except Exception as error:  # numba has many; all are about this function's text
-        raise InputError(f"{place_of(item)} cannot be compiled: {_reason(error)}; use numbers, math functions and if") from error
+        raise InputError(
+            f"{place_of(item)} cannot be compiled: {_reason(error)}; use numbers, math functions and if"
+        ) from error
     returned = function.overloads[signature].signature.return_type
     given = list(returned) if isinstance(returned, numba.types.BaseTuple) else [returned]
     wanted = [*part.targets, *(f"rate of {s}" for s in item.states if last)]
@@ -227,5 +235,7 @@ def _reason(error: Exception) -> str:
     told = [line for line in lines if not line.startswith(noise)]
     place = re.search(r'File "[^"]*", line (\d+)', text)
     told = told or lines or [type(error).__name__]
-    reason = " ".join(told[:2] if told[0].endswith("signature:") else told[:1]).rstrip(".:")[:200]  # what it was called with
+    reason = " ".join(told[:2] if told[0].endswith("signature:") else told[:1]).rstrip(".:")[
+        :200
+    ]  # what it was called with
     return reason + (f" (line {place[1]})" if place else "")

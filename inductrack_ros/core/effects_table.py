@@ -20,7 +20,12 @@ def _parameter(name: str, declared: Parameter) -> str:
 
 
 def _acts_on(item: Effect) -> str:
-    found = [(action, targets) for part in item.parts for action, targets in (("adds to", part.adds), ("changes", part.changes)) if targets]
+    found = [
+        (action, targets)
+        for part in item.parts
+        for action, targets in (("adds to", part.adds), ("changes", part.changes))
+        if targets
+    ]
     return "; ".join(f"{action} {', '.join(f'`{t}`' for t in targets)}" for action, targets in found)
 
 

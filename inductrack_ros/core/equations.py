@@ -58,14 +58,15 @@ def equations(
     gap_right_rate = -SQRT_HALF * (sway_rate - roll_rate * arm_right_y + height_rate + roll_rate * arm_right_x)
     gap_left_rate = SQRT_HALF * (sway_rate - roll_rate * arm_left_y - height_rate - roll_rate * arm_left_x)
 
-    # Overlap of field and circuits, and the flux they catch, (35); finite however far below the track an array of no width is.
+    # Overlap of field and circuits, and the flux they catch, (35); finite however far below the track an array of no
+    # width is.
     overlap_top = width_top * exp(min(-wave_number * gap_top, 700.0))
     overlap_right = width_right * exp(min(-wave_number * gap_right, 700.0))
     overlap_left = width_left * exp(min(-wave_number * gap_left, 700.0))
     overlap = overlap_top + overlap_right + overlap_left
     flux = eta * peak_field / wave_number * overlap
-    flux_rate = -eta * peak_field * (
-        overlap_top * gap_top_rate + overlap_right * gap_right_rate + overlap_left * gap_left_rate
+    flux_rate = (
+        -eta * peak_field * (overlap_top * gap_top_rate + overlap_right * gap_right_rate + overlap_left * gap_left_rate)
     )
 
     # The steady coil current I = jωΦ/(R + jωL): its real part lifts, its imaginary part brakes.

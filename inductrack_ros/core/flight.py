@@ -23,7 +23,9 @@ def story(run: Trajectory) -> str:
     ends = f"{travel[-1]:.1f} m and {speed[-1]:.1f} m/s at the end"
     if not any_touch.any():
         low, high = 1e3 * run["gap_top"].min(), 1e3 * run["gap_top"].max()
-        return f"flew {travel[-1]:.1f} m, from {speed[0]:.1f} to {speed[-1]:.1f} m/s, top gap {low:.1f} to {high:.1f} mm"
+        return (
+            f"flew {travel[-1]:.1f} m, from {speed[0]:.1f} to {speed[-1]:.1f} m/s, top gap {low:.1f} to {high:.1f} mm"
+        )
     first = int(np.argmax(any_touch))
     if first:
         words = _TOUCHED[GAPS[int(np.argmax(touching[:, first]))]]
@@ -45,7 +47,8 @@ def story(run: Trajectory) -> str:
 
 
 def why(model: Model, run: Trajectory, start: np.ndarray, drive_current: float | None = None) -> str:
-    """Thrust and drag at ``start`` (8 + effect states,), where the run touched the track or doubled its speed; else empty."""
+    """Thrust and drag at ``start`` (8 + effect states,), where the run touched the track or doubled its speed; else
+    empty."""
     landed = any((run[gap] < 0.0).any() for gap in GAPS)
     ran_away = run["surge_rate"][-1] > 2.0 * run["surge_rate"][0]
     wrenches = model.wrenches(start, drive_current=drive_current)

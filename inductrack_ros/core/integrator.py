@@ -9,9 +9,9 @@ third-order result disagrees (a wavy track, a strong field, a user's effect). St
 where an array touches or leaves the track, and where the travel turns; a cradle that friction holds at a standstill is
 held, it does not rattle about zero speed.
 
-``rig`` below is what does not change during a step: (P, on, groups, free, touching, origin, averaged, pt, pp, pc), where
-``groups`` has a bit for each group of effects of which any is on, ``free`` are the coordinates that move now and pt,
-pp, pc the pulses' times, places and currents.
+``rig`` below is what does not change during a step: (P, on, groups, free, touching, origin, averaged, pt, pp, pc),
+where ``groups`` has a bit for each group of effects of which any is on, ``free`` are the coordinates that move now and
+pt, pp, pc the pulses' times, places and currents.
 
 All but the three entry points are compiled without numba's reference counting, which took half the time: they own no
 array, so work space comes from the entry point. ``PADDED`` is N_STATES rounded up to whole vector registers.
@@ -24,8 +24,13 @@ import numpy as np
 
 MAX_CONTACT_SWITCHES = 100_000  # a run that rattles more often than this is not one we can integrate
 BOUNDS = 1e9  # m, and rad; what has gone further left all bounds
-PER_TOLERANCE = np.array([1e8, 1e8, 1e8, 1e7, 1e5, 1e5, 1e5, 1e4])  # over the error of the third-order result in one step
-CARRIED_TOLERANCE, CARRIED_LEAST = 1e-5, 1e-12  # the same of an effect's state: to the largest it has been, and at the least in its unit
+PER_TOLERANCE = np.array(
+    [1e8, 1e8, 1e8, 1e7, 1e5, 1e5, 1e5, 1e4]
+)  # over the error of the third-order result in one step
+CARRIED_TOLERANCE, CARRIED_LEAST = (
+    1e-5,
+    1e-12,
+)  # the same of an effect's state: to the largest it has been, and at the least in its unit
 GROW, SHRINK = 0.03, 1.0  # errors over tolerance at which steps grow back to normal, and below normal shrink
 CONTACT_GROW, CONTACT_SHRINK = 0.002, 0.05  # the same where they are longer than normal, stricter: a step that comes
 CONTACT_GROWTH = 8.0  # and goes would show in differences of runs. Times a normal contact step, the longest one
@@ -44,7 +49,9 @@ def pulse_sum(t, surge, P, pulse_times, pulse_places, pulse_currents, first):
             break
         offset = surge - pulse_places[i]
         if age < tau and abs(offset) <= 0.5 * P[ARRAY_LENGTH]:
-            total += pulse_currents[i] * math.sin(math.pi * age / tau) * math.cos(2.0 * math.pi / P[WAVELENGTH] * offset)
+            total += (
+                pulse_currents[i] * math.sin(math.pi * age / tau) * math.cos(2.0 * math.pi / P[WAVELENGTH] * offset)
+            )
     return total
 
 
@@ -60,7 +67,8 @@ def until_pulse_edge(t, tau, pulse_times, first):
 
 
 def groups_on(on):
-    """A bit for each group of neighbours in the right-hand side of which any is on: most are off, and asking each took a tenth."""
+    """A bit for each group of neighbours in the right-hand side of which any is on: most are off, and asking each took
+    a tenth."""
     bits = 0
     for i in range(GROUPS.size):
         if on[i]:
@@ -93,7 +101,8 @@ def lowest_moment(h, P, touching, q, q_new):
 
 
 def step_sizes(P, on, longest):
-    """Longest free step and longest step in contact (s), from the stiffness of field and contact; longest travel (m)."""
+    """Longest free step and longest step in contact (s), from the stiffness of field and contact; longest travel
+    (m)."""
     arm = P[MAGNET_SIDE_OFFSET] ** 2 + max(P[MAGNET_SIDE_HEIGHT] ** 2, P[MAGNET_TOP_HEIGHT] ** 2)
     inverse_mass = 1.0 / P[MASS] + arm / P[ROLL_INERTIA]
     field_rate = math.sqrt(2.0 * 2.0 * math.pi / P[WAVELENGTH] * P[GRAVITY] * P[MASS] * inverse_mass)
@@ -143,7 +152,8 @@ def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
 
 
 def carried_error(h, x_new, k, k_new, largest):
-    """How far the third-order result of `step` is off in the effects' states, over the tolerance; ``largest`` is the size of each so far."""
+    """How far the third-order result of `step` is off in the effects' states, over the tolerance; ``largest`` is the
+    size of each so far."""
     error = 0.0
     for i in range(8, N_STATES):
         size = max(largest[i], abs(x_new[i]))
@@ -277,26 +287,59 @@ def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, lo
     """`integrate` for each row of x (jobs, N_STATES) with its own row of P, on and origin; ``out`` is (jobs, n, 15)."""
     work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     for job in range(x.shape[0]):
-        integrate(times, t0, x[job], P[job], on[job], moving, origin[job], averaged, pt, pp, pc, longest, work, touching, out[job])
+        integrate(
+            times,
+            t0,
+            x[job],
+            P[job],
+            on[job],
+            moving,
+            origin[job],
+            averaged,
+            pt,
+            pp,
+            pc,
+            longest,
+            work,
+            touching,
+            out[job],
+        )
 
 
 def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
-    """States at the end of each interval between ``times`` (n,) from the one in x (n−1, N_STATES) at its beginning, moved by each row of
-    ``offsets`` (jobs, N_STATES): ``out`` is (n−1, jobs, 8)."""
+    """States at the end of each interval between ``times`` (n,) from the one in x (n−1, N_STATES) at its beginning,
+    moved by each row of ``offsets`` (jobs, N_STATES): ``out`` is (n−1, jobs, 8)."""
     work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     state, row = np.empty(N_STATES), np.empty((1, 15))
     for k in range(x.shape[0]):
         for job in range(offsets.shape[0]):
             for i in range(N_STATES):
                 state[i] = x[k, i] + offsets[job, i]
-            integrate(times[k + 1 : k + 2], times[k], state, P, on, moving, origin, averaged, pt, pp, pc, longest, work, touching, row)
+            integrate(
+                times[k + 1 : k + 2],
+                times[k],
+                state,
+                P,
+                on,
+                moving,
+                origin,
+                averaged,
+                pt,
+                pp,
+                pc,
+                longest,
+                work,
+                touching,
+                row,
+            )
             for i in range(8):
                 out[k, job, i] = row[0, i]
 
 
 def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, pc, longest, outputs, ends):
-    """Outputs at each of ``times`` (n,) and the state at the next, from the state in x (n, N_STATES) moved by each row of ``offsets``
-    (jobs, N_STATES) under its row of P: ``outputs`` is (n, jobs, 15), ``ends`` (n, jobs, N_STATES); the last piece has no length."""
+    """Outputs at each of ``times`` (n,) and the state at the next, from the state in x (n, N_STATES) moved by each row
+    of ``offsets`` (jobs, N_STATES) under its row of P: ``outputs`` is (n, jobs, 15), ``ends`` (n, jobs, N_STATES); the
+    last piece has no length."""
     work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     state, rows, ends_of = np.empty(N_STATES), np.empty((2, 15)), np.empty(2)
     for k in range(x.shape[0]):
@@ -305,7 +348,23 @@ def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp,
         for job in range(offsets.shape[0]):
             for i in range(N_STATES):
                 state[i] = x[k, i] + offsets[job, i]
-            integrate(ends_of, times[k], state, P[job], on, moving, origin, averaged, pt, pp, pc, longest, work, touching, rows)
+            integrate(
+                ends_of,
+                times[k],
+                state,
+                P[job],
+                on,
+                moving,
+                origin,
+                averaged,
+                pt,
+                pp,
+                pc,
+                longest,
+                work,
+                touching,
+                rows,
+            )
             for i in range(15):
                 outputs[k, job, i] = rows[0, i]
             for i in range(N_STATES):

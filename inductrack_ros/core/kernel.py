@@ -43,9 +43,9 @@ class Kernel:
     """Compiled functions for one ordered set of effects, and where their numbers stand.
 
     ``parameters`` names the entries of the parameter vector P, ``states`` those of the state vector, ``effects`` the
-    entries of the switch vector ``on``. Where ``dx`` has room behind the rates, `evaluate` writes there where the effects' states start. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces`` and ``evaluate`` are
-    `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call.
-    """
+    entries of the switch vector ``on``. Where ``dx`` has room behind the rates, `evaluate` writes there where the
+    effects' states start. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces`` and ``evaluate`` are
+    `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call."""
 
     effects: tuple[str, ...]
     parameters: tuple[str, ...]
@@ -86,9 +86,13 @@ class _Call:
         return [f"r{self.index}_{self.number}_{k}" for k in range(len(self.part.targets))]
 
     def lines(self, known: set[str], column: dict[str, int]) -> list[str]:
-        """The call, its changes and, when it is late, what it adds. Raises `InputError` for what it asks for in vain."""
+        """The call, its changes and, when it is late, what it adds. Raises `InputError` for what it asks for in
+        vain."""
         rates = [f"dx[{column[f'{self.item.name}.{s}']}]" for s in self.item.states] if self.last else []
-        lines = [f"{', '.join(self.results + rates)} = {function_name(self.index, self.number)}({', '.join(self._arguments(known, column))})"]
+        lines = [
+            f"{', '.join(self.results + rates)} ="
+            f" {function_name(self.index, self.number)}({', '.join(self._arguments(known, column))})"
+        ]
         adds = len(self.part.adds)
         lines += [f"{target} = {result}" for target, result in zip(self.part.changes, self.results[adds:], strict=True)]
         return [f"if on[{self.index}]:", *(f"    {line}" for line in lines + (self.additions() if self.late else []))]
@@ -112,24 +116,36 @@ class _Call:
             else:
                 late = name in _QUANTITY_NAMES
                 decided = (self.part.changes or self.part.adds)[0]
-                remedy = f"; it is not known yet where {decided} is decided" if late else did_you_mean(name, sorted(known))
+                remedy = (
+                    f"; it is not known yet where {decided} is decided" if late else did_you_mean(name, sorted(known))
+                )
                 raise InputError(f"{place_of(item)} asks for '{name}', which is not there{remedy}")
         return found
 
 
 def _calls(effects: list[Effect]) -> list[_Call]:
-    """Every function of the effects. Raises `InputError` for one that acts on what is not there, or on what has been decided by then."""
+    """Every function of the effects. Raises `InputError` for one that acts on what is not there, or on what has been
+    decided by then."""
     calls = []
     for index, item in enumerate(effects):
         for number, part in enumerate(item.parts):
             for target in part.targets:
                 if target not in _QUANTITY_NAMES | set(PARAMETERS):
-                    raise InputError(f"{place_of(item)} changes '{target}', which is not there{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}")
+                    raise InputError(
+                        f"{place_of(item)} changes '{target}', which is not"
+                        f" there{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}"
+                    )
             early = [t for t in part.changes if t not in FORCES]
             if early and number:
-                raise InputError(f"{place_of(item)} changes '{early[0]}' in its second function, when all forces are known; there it may act on {', '.join(FORCES)}")
+                raise InputError(
+                    f"{place_of(item)} changes '{early[0]}' in its second function, when all forces are known; there it"
+                    f" may act on {', '.join(FORCES)}"
+                )
             if early and len(early) < len(part.changes):
-                raise InputError(f"{place_of(item)} changes '{early[0]}' and a force; change the force in a second function, then=Part(…)")
+                raise InputError(
+                    f"{place_of(item)} changes '{early[0]}' and a force; change the force in a second function,"
+                    " then=Part(…)"
+                )
             calls.append(_Call(index, item, number, not early))
     return calls
 
@@ -168,8 +184,14 @@ def _derivative(effects: list[Effect], column: dict[str, int], started_on: Seque
         due = [c for c in waiting if not later & set(c.part.changes) and known >= set(c.part.changes)]
         waiting = [c for c in waiting if c not in due]
         lines += groups.ask([(c.index, c.lines(known, column)) for c in due])
-    late = sorted((c for c in calls if c.late), key=lambda c: (bool(c.part.changes), c.number))  # all is added before the sum is changed
-    added = [(c.index, [f"if on[{c.index}]:", *(f"    {line}" for line in c.additions())]) for c in calls if not c.late and c.part.adds]
+    late = sorted(
+        (c for c in calls if c.late), key=lambda c: (bool(c.part.changes), c.number)
+    )  # all is added before the sum is changed
+    added = [
+        (c.index, [f"if on[{c.index}]:", *(f"    {line}" for line in c.additions())])
+        for c in calls
+        if not c.late and c.part.adds
+    ]
     lines += groups.ask(added + [(c.index, c.lines(known, column)) for c in late])
     lines += [f"dx[{i}] = x[{4 + i}] * moving[{i}]" for i in range(4)]
     lines[-4] = "dx[0] = x[4]"  # a held speed still travels
@@ -178,7 +200,9 @@ def _derivative(effects: list[Effect], column: dict[str, int], started_on: Seque
     lines += [f"q[{i}] = {name}" for i, name in enumerate(QUANTITIES[:6])]
     lines += ["if detail:"] + [f"    q[{i}] = {name}" for i, name in enumerate(QUANTITIES) if i >= 6]
     if started_on:  # where dx has room for it, behind the rates: where the effects' states start
-        lines += ["    if dx.size > N_STATES:"] + [f"        dx[N_STATES + {j}] = {start}" for j, start in enumerate(started_on)]
+        lines += ["    if dx.size > N_STATES:"] + [
+            f"        dx[N_STATES + {j}] = {start}" for j, start in enumerate(started_on)
+        ]
     head = "def derivative(time, x, P, on, groups, moving, touching, origin, averaged, pulse_current, dx, q, detail):"
     return "\n".join([groups.table(), "", head, *(f"    {line}" for line in lines)])
 
@@ -206,8 +230,27 @@ class _Groups:
 
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
     constants = {name.upper(): column[name] for name in PARAMETERS}
-    constants |= {"N_STATES": n_states, "PADDED": (n_states + 3) // 4 * 4, "N_QUANTITIES": len(QUANTITIES), "FREE_STEP": FREE_STEP, "CONTACT_STEP": CONTACT_STEP}
-    jitted = ["pulse_sum", "until_pulse_edge", "groups_on", "touches", "switches_contact", "lowest_moment", "step_sizes", "slope", "step", "carried_error", "sticks", "integrate"]
+    constants |= {
+        "N_STATES": n_states,
+        "PADDED": (n_states + 3) // 4 * 4,
+        "N_QUANTITIES": len(QUANTITIES),
+        "FREE_STEP": FREE_STEP,
+        "CONTACT_STEP": CONTACT_STEP,
+    }
+    jitted = [
+        "pulse_sum",
+        "until_pulse_edge",
+        "groups_on",
+        "touches",
+        "switches_contact",
+        "lowest_moment",
+        "step_sizes",
+        "slope",
+        "step",
+        "carried_error",
+        "sticks",
+        "integrate",
+    ]
     text = mark(inspect.getsource(integrator), "_nrt=False", *jitted)
     text = mark(text, "cache=True", "simulate_batch", "simulate_pieces", "linearise_pieces", "evaluate")
     head = [
@@ -216,7 +259,10 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         "from numba import njit",
         f"SQRT_HALF = {equations.SQRT_HALF!r}",
         f"MAX_STEPS = np.array([{', '.join(repr(e.max_step) for e in effects)}], dtype=np.float64)",
-        f"MAX_TRAVELS = np.array([{', '.join(str(column.get(f'{e.name}.{e.max_travel}', -1)) for e in effects)}], dtype=np.int64)",
+        (
+            f"MAX_TRAVELS = np.array([{', '.join(str(column.get(f'{e.name}.{e.max_travel}', -1)) for e in effects)}],"
+            " dtype=np.int64)"
+        ),
         *(f"{name} = {value!r}" for name, value in constants.items()),
         mark("\n" + _derivative(effects, column, started_on(effects)), "_nrt=False, forceinline=True", "derivative"),
         "",
@@ -242,13 +288,16 @@ def _lanes_text() -> str:
         "def slopes(work, moving):",
         "    moving = (moving[0], moving[1], moving[2], moving[3])  # four numbers: an array might overlap with `work`",
         "    time = origin = pulse_current = 0.0; averaged = True; detail = False; touching = (False, False, False)",
-        "    for lane in range(LANES):",  # no call in it but of what is inlined: a loop of calls is unrolled before that
+        # no call in it but of what is inlined: a loop of calls is unrolled before that.
+        "    for lane in range(LANES):",
         *(f"    {line}" for line in body.splitlines()),
         "",
         "",
         inspect.getsource(lanes),
     ]
-    text = mark("\n".join(["", *lines]), "_nrt=False, forceinline=True", "lane_exp", "lane_sine", "lane_sin", "lane_cos")
+    text = mark(
+        "\n".join(["", *lines]), "_nrt=False, forceinline=True", "lane_exp", "lane_sine", "lane_sin", "lane_cos"
+    )
     text = mark(text, "_nrt=False", "slopes", "lane_steps", "leaves")
     constants = [f"{name} = {place}" for name, place in (*places.items(), ("WORK", end)) if name != "P"]
     return "\n".join([*constants, mark(text, "cache=True", "fly")])
@@ -278,7 +327,9 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
     for item in items:
         for start in item.states.values():
             if isinstance(start, str) and start not in STARTS:
-                raise InputError(f"{place_of(item)}: a state starts on '{start}', which is not there{did_you_mean(start, STARTS)}")
+                raise InputError(
+                    f"{place_of(item)}: a state starts on '{start}', which is not there{did_you_mean(start, STARTS)}"
+                )
     text = _module_text(items, column, 8 + len(carried))
 
     def kernel(module: ModuleType) -> Kernel:
@@ -295,9 +346,21 @@ def _warm_up(kernel: Kernel) -> None:
     n = len(kernel.states)
     P = np.array([PARAMETERS[p].default if p in PARAMETERS else 1.0 for p in kernel.parameters])
     on, moving, none = np.zeros((1, len(kernel.effects)), np.bool_), np.ones(4), np.empty(0)
-    kernel.evaluate(0.0, np.zeros(n), P, on[0], moving, 0.0, True, none, none, none, np.zeros(n), np.zeros(len(QUANTITIES)))
-    kernel.simulate_batch(
-        np.zeros(1), 0.0, np.zeros((1, n)), P[None], on, moving, np.zeros(1), True, none, none, none, 1.0, np.zeros((1, 1, 15))
+    kernel.evaluate(
+        0.0, np.zeros(n), P, on[0], moving, 0.0, True, none, none, none, np.zeros(n), np.zeros(len(QUANTITIES))
     )
-
-
+    kernel.simulate_batch(
+        np.zeros(1),
+        0.0,
+        np.zeros((1, n)),
+        P[None],
+        on,
+        moving,
+        np.zeros(1),
+        True,
+        none,
+        none,
+        none,
+        1.0,
+        np.zeros((1, 1, 15)),
+    )

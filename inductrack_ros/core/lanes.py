@@ -1,13 +1,13 @@
 """Runs side by side, each in a lane of the processor's vector registers, for as long as they fly.
 
 `kernel` puts this file's text behind `integrator`'s and a right-hand side without effects in which every quantity is a
-row of LANES numbers in one array ``work``: `slopes`, which takes STAGE to SLOPE and GAPS. These rows' names come from there.
-Constant places in one array, no branch and no call are what the compiler needs to do all lanes at once; so exp, sin and
-cos are arithmetic here. Method and steps are those of `integrator`, with a step and its refinement for each lane.
+row of LANES numbers in one array ``work``: `slopes`, which takes STAGE to SLOPE and GAPS. These rows' names come from
+there. Constant places in one array, no branch and no call are what the compiler needs to do all lanes at once; so exp,
+sin and cos are arithmetic here. Method and steps are those of `integrator`, with a step and its refinement for each
+lane.
 
-A run that comes near the track, stands or turns is given back as it was at the last row with steps of normal length, where
-`integrate` begins: so the result is the same.
-"""
+A run that comes near the track, stands or turns is given back as it was at the last row with steps of normal length,
+where `integrate` begins: so the result is the same."""
 
 # ruff: noqa: F821
 import math
@@ -17,13 +17,25 @@ import numpy as np
 #: A register of 512 bits holds 8 numbers, one of 256 half of them.
 LANES = 8
 #: Rows of ``work`` besides those of the right-hand side; each step's size stands there eight times, once to a state.
-ROWS = {"STATE": 8, "FIRST": 8, "NEXT": 8, "THIRD": 8, "SIZE": 8, "ERROR": 8, "TIME": 1, "REFINE": 1, "LONGEST": 1, "FLIES": 1}
+ROWS = {
+    "STATE": 8,
+    "FIRST": 8,
+    "NEXT": 8,
+    "THIRD": 8,
+    "SIZE": 8,
+    "ERROR": 8,
+    "TIME": 1,
+    "REFINE": 1,
+    "LONGEST": 1,
+    "FLIES": 1,
+}
 CLEAR, FAR = 5e-4, 1.0  # m, of gaps (and rad, of roll): nearer is too near to the track, further is out of range
 ROUND = 1.5 * 2.0**52  # a number to which this is added has its integer part in its last bits
 
 
 def lane_exp(x):
-    """e^x within two units in the last place, by its series about the nearest multiple of ln 2; x is cut off at ±700."""
+    """e^x within two units in the last place, by its series about the nearest multiple of ln 2; x is cut off at
+    ±700."""
     x = min(max(x, -700.0), 700.0)
     shifted = x * 1.4426950408889634 + ROUND
     n = shifted - ROUND
@@ -51,8 +63,22 @@ def lane_sine(x, quarters):
     quadrant = np.float64(shifted).view(np.int64) + quarters
     r = ((x - n * 1.57079632673412561417) - n * 6.07710050630396597660e-11) - n * 2.02226624879595063154e-21
     z = r * r
-    odd = ((((1.58969099521155010221e-10 * z - 2.50507602534068634195e-08) * z + 2.75573137070700676789e-06) * z - 1.98412698298579493134e-04) * z + 8.33333333332248946124e-03) * z - 1.66666666666666324348e-01
-    even = ((((-1.13596475577881948265e-11 * z + 2.08757232129817482790e-09) * z - 2.75573143513906633035e-07) * z + 2.48015872894767294178e-05) * z - 1.38888888888741095749e-03) * z + 4.16666666666666019037e-02
+    odd = (
+        (
+            ((1.58969099521155010221e-10 * z - 2.50507602534068634195e-08) * z + 2.75573137070700676789e-06) * z
+            - 1.98412698298579493134e-04
+        )
+        * z
+        + 8.33333333332248946124e-03
+    ) * z - 1.66666666666666324348e-01
+    even = (
+        (
+            ((-1.13596475577881948265e-11 * z + 2.08757232129817482790e-09) * z - 2.75573143513906633035e-07) * z
+            + 2.48015872894767294178e-05
+        )
+        * z
+        - 1.38888888888741095749e-03
+    ) * z + 4.16666666666666019037e-02
     value = 1.0 - 0.5 * z + z * z * even if quadrant & 1 else r + r * z * odd
     return -value if quadrant & 2 else value
 
@@ -66,7 +92,8 @@ def lane_cos(x):
 
 
 def lane_steps(work, moving):
-    """`integrator.step` in every lane: from STATE, whose slope is FIRST, by SIZE to NEXT with SLOPE and GAPS; its ERROR."""
+    """`integrator.step` in every lane: from STATE, whose slope is FIRST, by SIZE to NEXT with SLOPE and GAPS; its
+    ERROR."""
     for i in range(8 * LANES):
         h, x, k = work[SIZE + i], work[STATE + i], work[FIRST + i]
         work[NEXT + i] = x + h / 6.0 * k
@@ -97,7 +124,8 @@ def leaves(work, lane):
 
 
 def fly(times, began, x, P, moving, out, done):
-    """Carry runs x (jobs, 8) with parameters P from time ``began`` through ``times``; outputs as `integrate`'s in ``out``.
+    """Carry runs x (jobs, 8) with parameters P from time ``began`` through ``times``; outputs as `integrate`'s in
+    ``out``.
 
     Gives back in ``done`` (jobs,) how many rows stand for each, and in ``x`` the state at the last of them.
     """
@@ -109,7 +137,9 @@ def fly(times, began, x, P, moving, out, done):
             for i in range(STAGE // LANES):
                 work[i * LANES + lane] = P[job, i]
             for i in range(8):
-                work[STATE + i * LANES + lane] = work[NEXT + i * LANES + lane] = work[STAGE + i * LANES + lane] = x[job, i]
+                work[STATE + i * LANES + lane] = work[NEXT + i * LANES + lane] = work[STAGE + i * LANES + lane] = x[
+                    job, i
+                ]
             work[TIME + lane], work[REFINE + lane] = began, 1.0
             work[LONGEST + lane] = step_sizes(P[job], on, 1.0)[0]
             work[FLIES + lane] = 0.0

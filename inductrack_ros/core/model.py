@@ -1,4 +1,5 @@
-"""The cradle as users meet it: parameters, effects, simulation, forces; read from and written to ROS 2 parameter files."""
+"""The cradle as users meet it: parameters, effects, simulation, forces; read from and written to ROS 2 parameter
+files."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ CONDITIONS = "conditions."
 
 @dataclass(frozen=True)
 class Pulses:
-    """Drive pulses in the order they begin: ``times`` (s, start of the half sine), ``coils`` (index) and ``currents`` (A, signed), each (n,)."""
+    """Drive pulses in the order they begin: ``times`` (s, start of the half sine), ``coils`` (index) and ``currents``
+    (A, signed), each (n,)."""
 
     times: np.ndarray
     coils: np.ndarray
@@ -49,7 +51,8 @@ class Pulses:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A simulated run: ``times`` (n,) and ``outputs`` (n, 15), the columns of `state.OUTPUTS`; ``final`` is the whole last state."""
+    """A simulated run: ``times`` (n,) and ``outputs`` (n, 15), the columns of `state.OUTPUTS`; ``final`` is the whole
+    last state."""
 
     times: np.ndarray
     outputs: np.ndarray
@@ -69,9 +72,9 @@ class Model:
     """One parametrised model of the cradle, which never changes once made (see `with_changes`).
 
     ``parameters`` holds every entry of `parameters.PARAMETERS`; ``effects`` maps each active effect's full name
-    (``sensor_bias:sway`` for a sensor's) to its parameters; ``dof`` is 1, 2, 4 or names of the coordinates that move; ``drive`` is ``averaged`` or ``pulses``;
-    ``conditions`` are numbers of a run that effects ask for (``track_temperature``), which hold where a run has none of its own.
-    """
+    (``sensor_bias:sway`` for a sensor's) to its parameters; ``dof`` is 1, 2, 4 or names of the coordinates that move;
+    ``drive`` is ``averaged`` or ``pulses``; ``conditions`` are numbers of a run that effects ask for
+    (``track_temperature``), which hold where a run has none of its own."""
 
     parameters: Mapping[str, float]
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -108,14 +111,27 @@ class Model:
             item, _ = split_name(name, known, CHANNELS, where)
             for parameter in values:
                 if parameter not in item.parameters:
-                    raise InputError(f"{place}effect '{name}' has no parameter '{parameter}'{did_you_mean(parameter, item.parameters)}")
+                    raise InputError(
+                        f"{place}effect '{name}' has no parameter"
+                        f" '{parameter}'{did_you_mean(parameter, item.parameters)}"
+                    )
             if item.only and item.only != drive:
-                raise InputError(f"{place}effect '{name}' belongs to the {item.only} drive; with drive: {drive} the pulses themselves show it")
+                raise InputError(
+                    f"{place}effect '{name}' belongs to the {item.only} drive; with drive: {drive} the pulses"
+                    " themselves show it"
+                )
             checked[name] = {
                 p: declared.check(f"{name}.{p}", values.get(p, declared.default), where)
                 for p, declared in item.parameters.items()
             }
-        return cls(check_parameters(parameters or {}, where), checked, moving, drive, files, _check_conditions(conditions or {}, known, place))
+        return cls(
+            check_parameters(parameters or {}, where),
+            checked,
+            moving,
+            drive,
+            files,
+            _check_conditions(conditions or {}, known, place),
+        )
 
     @classmethod
     def default(cls) -> Model:
@@ -127,9 +143,8 @@ class Model:
         """Read a ROS 2 parameter file, or a plain mapping of the same names.
 
         ``extra_files`` are effect files besides those the file names, which are Python code: one that is not
-        ``trusted`` may name no others. What counts is what the node `/inductrack/sim` would take from it; its own parameters are
-        passed over. Raises `InputError` naming the file and the parameter.
-        """
+        ``trusted`` may name no others. What counts is what the node `/inductrack/sim` would take from it; its own
+        parameters are passed over. Raises `InputError` naming the file and the parameter."""
         blocks, folder = blocks_for(path), Path(path).parent
         values = merged(blocks)
         if not trusted:
@@ -137,8 +152,8 @@ class Model:
             given = {os.path.realpath(f) for f in extra_files}
             if others := [f for f in named if os.path.realpath(f) not in given]:
                 raise InputError(
-                    f"{path}: names the effect file {others[0]}, which is Python code and is run only when you name it: "
-                    f"--effects {others[0]}"
+                    f"{path}: names the effect file {others[0]}, which is Python code and is run only when you name it:"
+                    f" --effects {others[0]}"
                 )
         return cls.from_mapping(values, str(path), extra_files, folder, shared_names(blocks))
 
@@ -151,7 +166,8 @@ class Model:
         folder: Path | None = None,
         shared: Collection[str] = (),
     ) -> Model:
-        """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``, ``<effect>.<parameter>``, ``conditions.<name>``.
+        """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``,
+        ``<effect>.<parameter>``, ``conditions.<name>``.
 
         Names in ``shared`` were given to nodes of any name: one that no model has is passed over, and said.
         """
@@ -182,7 +198,10 @@ class Model:
             else:
                 item, _ = split_name(effect_name, known, CHANNELS, where)  # a value for an effect that is off
                 if parameter not in item.parameters:
-                    raise InputError(f"{place}effect '{effect_name}' has no parameter '{parameter}'{did_you_mean(parameter, item.parameters)}")
+                    raise InputError(
+                        f"{place}effect '{effect_name}' has no parameter"
+                        f" '{parameter}'{did_you_mean(parameter, item.parameters)}"
+                    )
         for key in base:
             if key not in PARAMETERS:
                 raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, [*PARAMETERS, *MODEL_OPTIONS])}")
@@ -198,7 +217,13 @@ class Model:
         return Model.create(
             {**self.parameters, **(parameters or {})},
             self.effects if effects is None else effects,
-            **{"dof": self.dof, "drive": self.drive, "effect_files": self.effect_files, "conditions": self.conditions, **others},
+            **{
+                "dof": self.dof,
+                "drive": self.drive,
+                "effect_files": self.effect_files,
+                "conditions": self.conditions,
+                **others,
+            },
         )
 
     def to_mapping(self) -> dict[str, object]:
@@ -209,11 +234,14 @@ class Model:
             flat["effect_files"] = list(self.effect_files)
         flat |= {CONDITIONS + name: value for name, value in self.conditions.items()}
         return flat | {
-            f"{e}.{p}": list(v) if isinstance(v, tuple) else v for e, values in self.effects.items() for p, v in values.items()
+            f"{e}.{p}": list(v) if isinstance(v, tuple) else v
+            for e, values in self.effects.items()
+            for p, v in values.items()
         }
 
     def save(self, path: str | Path, comment: str = "", uncertainty: Uncertainty | None = None) -> None:
-        """Write a ROS 2 parameter file, whole or not at all; with ``uncertainty`` it says how well its parameters are known."""
+        """Write a ROS 2 parameter file, whole or not at all; with ``uncertainty`` it says how well its parameters are
+        known."""
         flat = self.to_mapping()
         nested: dict[str, object] = {}
         for key, value in flat.items():
@@ -276,9 +304,8 @@ class Model:
     def initial_state(self, *, drive_current: float | None = None, **given: float) -> np.ndarray:
         """The eight states (8,) from named values; heave is the equilibrium heave unless given or held, the rest zero.
 
-        The states of effects are no part of it: they settle on a run's own conditions, its ``drive_current`` (A) and its
-        pulses, where the run begins. Raises `InputError` for an unknown name or a value that is not finite.
-        """
+        The states of effects are no part of it: they settle on a run's own conditions, its ``drive_current`` (A) and
+        its pulses, where the run begins. Raises `InputError` for an unknown name or a value that is not finite."""
         for name, value in given.items():
             if name not in STATES:
                 raise InputError(f"initial state: unknown name '{name}'{did_you_mean(name, STATES)}")
@@ -310,10 +337,11 @@ class Model:
         pulses: Pulses | Sequence[np.ndarray] | None = None,
         origin: float | None = None,
     ) -> np.ndarray:
-        """``x`` with the effects' own states set to what they start on (steady values of quantities, or numbers), at parameters P or the model's.
+        """``x`` with the effects' own states set to what they start on (steady values of quantities, or numbers), at
+        parameters P or the model's.
 
-        ``pulses`` (or what `Pulses.arrays` gives of them) drive the run; ``origin`` is the surge where it began, here unless given.
-        """
+        ``pulses`` (or what `Pulses.arrays` gives of them) drive the run; ``origin`` is the surge where it began, here
+        unless given."""
         full = np.zeros(len(self.kernel.states))
         full[:8] = np.asarray(x, float)[:8]
         if len(full) > 8:
@@ -324,18 +352,26 @@ class Model:
         return full
 
     def _whole_state(
-        self, x: np.ndarray, time: float, drive_current: float | None, pulses: Pulses | None, origin: float | None = None
+        self,
+        x: np.ndarray,
+        time: float,
+        drive_current: float | None,
+        pulses: Pulses | None,
+        origin: float | None = None,
     ) -> np.ndarray:
         """A copy of ``x`` of the kernel's length; the compiled code checks no bounds, so this does."""
         x = np.array(x, float)
         if x.shape == (8,):
             return self.with_effect_states(x, time, self._vector_at(drive_current), pulses, origin)
         if x.shape != (len(self.kernel.states),):
-            raise InputError(f"a state has 8 entries, or {len(self.kernel.states)} with those of the effects; got shape {x.shape}")
+            raise InputError(
+                f"a state has 8 entries, or {len(self.kernel.states)} with those of the effects; got shape {x.shape}"
+            )
         return x
 
     def equilibrium_heave(self, speed: float, drive_current: float | None = None) -> float:
-        """Heave at which the vertical forces balance at ``speed`` (m/s), on the track where nothing carries. Newtons cancel to 1e-9."""
+        """Heave at which the vertical forces balance at ``speed`` (m/s), on the track where nothing carries. Newtons
+        cancel to 1e-9."""
         from scipy.optimize import brentq  # slow to import; most nodes start without it
 
         x = np.zeros(len(self.kernel.states))
@@ -350,7 +386,9 @@ class Model:
 
         low, high = -self.parameters["nominal_gap"] - 2e-3, max(self.parameters["nominal_gap"], 1e-3)
         if not force(low) > 0:
-            raise InputError(f"nothing carries the cradle at {speed:g} m/s, not even the track; look at mass and contact_stiffness")
+            raise InputError(
+                f"nothing carries the cradle at {speed:g} m/s, not even the track; look at mass and contact_stiffness"
+            )
         for _ in range(6):
             if force(high) < 0:
                 return brentq(force, low, high, xtol=1e-15, rtol=1e-14)
@@ -359,7 +397,8 @@ class Model:
 
     @staticmethod
     def passes_on(item: Effect) -> bool:
-        """Whether an effect takes the vertical force up and passes it on in time (an elastic frame): balance is where there is none."""
+        """Whether an effect takes the vertical force up and passes it on in time (an elastic frame): balance is where
+        there is none."""
         return bool(item.states) and any("force_heave" in part.changes for part in item.parts)
 
     def simulate(
@@ -371,11 +410,12 @@ class Model:
         start: float | None = None,
         longest_step: float = 1.0,
     ) -> Trajectory:
-        """Integrate from ``x``, true at ``start`` (s, the first of ``times`` unless given), through ``times`` (n,), rising.
+        """Integrate from ``x``, true at ``start`` (s, the first of ``times`` unless given), through ``times`` (n,),
+        rising.
 
         Thrust is the averaged law at ``drive_current`` (A), or with ``drive: pulses`` that of ``pulses``. The run's
-        travel counts from x. Where x holds no states of effects, (8,), these start from the run's own conditions. A state that leaves all bounds ends in NaN rows.
-        """
+        travel counts from x. Where x holds no states of effects, (8,), these start from the run's own conditions. A
+        state that leaves all bounds ends in NaN rows."""
         times = np.ascontiguousarray(times, float)
         if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
             raise InputError("simulate: times must be a rising list of seconds")
@@ -395,9 +435,19 @@ class Model:
         pulses: Pulses | None = None,
         origin: float = 0.0,
     ) -> np.ndarray:
-        """The state at ``until`` from ``x`` at ``time``: one step of a real-time loop. ``origin`` is the surge where the run began."""
+        """The state at ``until`` from ``x`` at ``time``: one step of a real-time loop. ``origin`` is the surge where
+        the run began."""
         state = self._whole_state(x, time, drive_current, pulses, origin)[None]
-        self._run(np.array([until], dtype=float), time, state, origin, drive_current, pulses, 1.0, np.empty((1, 1, len(OUTPUTS))))
+        self._run(
+            np.array([until], dtype=float),
+            time,
+            state,
+            origin,
+            drive_current,
+            pulses,
+            1.0,
+            np.empty((1, 1, len(OUTPUTS))),
+        )
         return state[0]
 
     def _run(self, times, start, state, origin, drive_current, pulses, longest, outputs) -> None:
@@ -407,24 +457,48 @@ class Model:
         if not averaged and pulses is not None:
             pt, pp, pc = pulses.arrays(self.parameters["wavelength"])
         self.kernel.simulate_batch(  # float(): for a whole number it would be compiled anew
-            times, float(start), state, P[None], self.switches[None], self.moving, np.array([float(origin)]), averaged, pt, pp, pc,
-            float(longest), outputs,
-        )  # fmt: skip
+            times,
+            float(start),
+            state,
+            P[None],
+            self.switches[None],
+            self.moving,
+            np.array([float(origin)]),
+            averaged,
+            pt,
+            pp,
+            pc,
+            float(longest),
+            outputs,
+        )
 
     def _evaluate(self, time, x, P, on, pulses=None, origin=0.0, starts=False):
-        """Rates and quantities at one moment; with ``starts`` what the effects' states start on stands behind the rates."""
+        """Rates and quantities at one moment; with ``starts`` what the effects' states start on stands behind the
+        rates."""
         dx, q = np.zeros(len(x) + (len(x) - 8 if starts else 0)), np.zeros(len(kernels.QUANTITIES))
-        arrays = pulses.arrays(self.parameters["wavelength"]) if isinstance(pulses, Pulses) else pulses or (_NONE, _NONE, _NONE)
-        averaged = self.drive == "averaged" and (pulses is None or isinstance(pulses, Pulses))  # a measured run's are its own
+        arrays = (
+            pulses.arrays(self.parameters["wavelength"])
+            if isinstance(pulses, Pulses)
+            else pulses or (_NONE, _NONE, _NONE)
+        )
+        averaged = self.drive == "averaged" and (
+            pulses is None or isinstance(pulses, Pulses)
+        )  # a measured run's are its own
         self.kernel.evaluate(
             float(time), np.ascontiguousarray(x), P, on, self.moving, float(origin), averaged, *arrays, dx, q
         )
         return dx, q
 
     def quantities(
-        self, x: np.ndarray, time: float = 0.0, drive_current: float | None = None, pulses: Pulses | None = None, origin: float = 0.0
+        self,
+        x: np.ndarray,
+        time: float = 0.0,
+        drive_current: float | None = None,
+        pulses: Pulses | None = None,
+        origin: float = 0.0,
     ) -> dict[str, float]:
-        """The named quantities of `kernel.QUANTITIES` (gaps, forces per array, …) and the accelerations at one moment, SI."""
+        """The named quantities of `kernel.QUANTITIES` (gaps, forces per array, …) and the accelerations at one moment,
+        SI."""
         P, x = self._vector_at(drive_current), self._whole_state(x, time, drive_current, pulses, origin)
         dx, q = self._evaluate(time, x, P, self.switches, pulses, origin)
         return dict(zip(kernels.QUANTITIES, q.tolist(), strict=True)) | {
@@ -432,7 +506,12 @@ class Model:
         }
 
     def wrenches(
-        self, x: np.ndarray, time: float = 0.0, drive_current: float | None = None, pulses: Pulses | None = None, origin: float = 0.0
+        self,
+        x: np.ndarray,
+        time: float = 0.0,
+        drive_current: float | None = None,
+        pulses: Pulses | None = None,
+        origin: float = 0.0,
     ) -> dict[str, np.ndarray]:
         """Forces (N) and roll moment (N·m) apart, each (4,) in the order surge, sway, heave, roll.
 
@@ -488,7 +567,11 @@ def _check_conditions(given: Mapping[str, object], known: Mapping[str, Effect], 
     asked = {c for item in known.values() for c in item.conditions if c not in PARAMETERS}
     for name, value in given.items():
         if name not in asked:
-            own = "it is a parameter of the model, set that" if name in PARAMETERS else "no effect asks for it" + did_you_mean(name, asked)
+            own = (
+                "it is a parameter of the model, set that"
+                if name in PARAMETERS
+                else "no effect asks for it" + did_you_mean(name, asked)
+            )
             raise InputError(f"{place}{CONDITIONS}{name}: {own}")
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
             raise InputError(f"{place}{CONDITIONS}{name} = {value!r:.60} is not a finite number")

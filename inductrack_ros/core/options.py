@@ -15,7 +15,8 @@ DRIVES = ("averaged", "pulses")
 
 @dataclass(frozen=True)
 class Option:
-    """A parameter that is not a real number: a switch, a name, a whole number, a list of either; the default of a list means an empty one."""
+    """A parameter that is not a real number: a switch, a name, a whole number, a list of either; the default of a list
+    means an empty one."""
 
     default: bool | int | str | list
     meaning: str
@@ -60,13 +61,16 @@ SIM: dict[str, Parameter | Option] = {
         1.0, "s", 0.01, 3600.0, "simulated time without a drive pulse after which the controller counts as lost"
     ),
     "again": Option(
-        True, "a cradle that has come to rest begins its run anew, stamps go on; not in lockstep, with listeners, or while a node "
-        "whose name has record in it listens",
+        True,
+        "a cradle that has come to rest begins its run anew, stamps go on; not in lockstep, with listeners, or while a"
+        " node whose name has record in it listens",
     ),
     "paused": Option(False, "start standing still, until the pause service says otherwise"),
     "listeners": Option(0, "time begins when so many subscribe to pose, so that a recorder misses nothing", high=1000),
     "publish_clock": Option(False, "publish /clock; simulated time then begins at 0, else at the time of the start"),
-    "clock_rate": Parameter(100.0, "Hz", 0.1, 1000.0, "how often /clock is published, in simulated time; no more than rate"),
+    "clock_rate": Parameter(
+        100.0, "Hz", 0.1, 1000.0, "how often /clock is published, in simulated time; no more than rate"
+    ),
     "initial_state": Option("surge_rate=15.5", "name=value,…; heave is the equilibrium's unless given"),
     "track_length": Parameter(1000.0, "m", 0.1, 1e6, "length of track that has drive coils, one every λ/2"),
     "max_pulse_current": Parameter(2e4, "A", 0.0, 1e6, "a drive pulse of more is refused"),
@@ -74,8 +78,10 @@ SIM: dict[str, Parameter | Option] = {
     "cradle_frame": Option("cradle", "frame that moves with the cradle"),
     "frame_prefix": Option("", "put before the name of every frame, e.g. rig1/"),
     "reliability": Option(
-        "reliable", "quality of service of what is published; sensor_data: best effort for what is under measured/; transforms and "
-        "/clock are always reliable", ("reliable", "best_effort", "sensor_data"),
+        "reliable",
+        "quality of service of what is published; sensor_data: best effort for what is under measured/; transforms and "
+        "/clock are always reliable",
+        ("reliable", "best_effort", "sensor_data"),
     ),
     "seed": Option(-1, "seed of the sensors' noise; −1: another at every start", low=-1),
 }

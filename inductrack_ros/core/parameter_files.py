@@ -20,7 +20,8 @@ _DEEPEST = 8  # far more than a node's name and an effect's parameter need
 
 @dataclass(frozen=True)
 class Block:
-    """What stands under one ``ros__parameters``: ``pattern`` says for which nodes, ``values`` are flat names and values.
+    """What stands under one ``ros__parameters``: ``pattern`` says for which nodes, ``values`` are flat names and
+    values.
 
     ``shared``: it is for nodes of any name, so that it may hold what one of them does not have.
     """
@@ -73,7 +74,8 @@ def shared_names(blocks: Iterable[Block]) -> frozenset[str]:
 
 
 def nothing_for(blocks: Iterable[Block], node: str) -> str:
-    """What to say where the node takes none of the blocks, or passes over one with its own name in another namespace."""
+    """What to say where the node takes none of the blocks, or passes over one with its own name in another
+    namespace."""
     taken = [block.pattern for block in blocks if block.is_for(node)]
     others = [block.pattern for block in blocks if not block.is_for(node)]
     name = node.rpartition("/")[2]

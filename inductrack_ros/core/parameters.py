@@ -30,10 +30,10 @@ class Parameter:
 
     ``default`` is what a model uses unless told otherwise; for an effect it is the value at which the effect vanishes,
     where there is one. ``typical`` is a size at which an effect would matter on a rig like the paper's: fits start
-    there and take their steps from it. ``fit_as`` names the coordinate of the fit (see ``to_fit``) and ``fit_from`` the least value that a fit tries. A ``count`` above one
-    makes it a table of up to so many numbers; the effect's function gets an array, filled up with zeros. ``per_channel``
-    is for a sensor's parameter in its channel's unit: ``typical`` counts in the channel's ``size`` or ``span`` then.
-    """
+    there and take their steps from it. ``fit_as`` names the coordinate of the fit (see ``to_fit``) and ``fit_from`` the
+    least value that a fit tries. A ``count`` above one makes it a table of up to so many numbers; the effect's function
+    gets an array, filled up with zeros. ``per_channel`` is for a sensor's parameter in its channel's unit: ``typical``
+    counts in the channel's ``size`` or ``span`` then."""
 
     default: float
     unit: str
@@ -49,7 +49,8 @@ class Parameter:
     per_channel: str = ""
 
     def for_channel(self, channel: str) -> Parameter:
-        """The declaration for one channel's sensor: its unit and typical size are the channel's where they hang on it."""
+        """The declaration for one channel's sensor: its unit and typical size are the channel's where they hang on
+        it."""
         if not self.per_channel:
             return self
         about = CHANNEL[channel]
@@ -57,7 +58,8 @@ class Parameter:
         return replace(self, unit=unit, typical=self.typical * getattr(about, self.per_channel))
 
     def check(self, name: str, value: object, where: str = "") -> float | tuple[float, ...]:
-        """Return ``value`` as a float (a table as a tuple), or raise `InputError` naming the parameter and its range."""
+        """Return ``value`` as a float (a table as a tuple), or raise `InputError` naming the parameter and its
+        range."""
         if self.count > 1:
             entries = value if isinstance(value, (list, tuple)) else [value]
             if not 1 <= len(entries) <= self.count:
@@ -116,21 +118,47 @@ PARAMETERS: dict[str, Parameter] = {
     "inductance": Parameter(1.8e-6, "H", 1e-9, 1e-2, "inductance L of one track circuit", _PAPER, 5e-8),
     "resistance": Parameter(1.5e-3, "Ω", 1e-6, 10.0, "resistance R of one track circuit", _PAPER, 5e-5),
     "mass": Parameter(9.3, "kg", 1e-3, 1e5, "mass m of the cradle", _PAPER, 0.1),
-    "pulse_length": Parameter(600e-6, "s", 1e-6, 0.1, "length τ of a drive pulse", _PAPER + " (the text's 600 ms is a typo)", 2e-5),
+    "pulse_length": Parameter(
+        600e-6, "s", 1e-6, 0.1, "length τ of a drive pulse", _PAPER + " (the text's 600 ms is a typo)", 2e-5
+    ),
     "drive_current": Parameter(7000.0, "A", 0.0, 1e5, "drive current I_D (amplitude of the half sine)", _PAPER, 100.0),
     "coils_per_wavelength": Parameter(13.0, "", 1.0, 1000.0, "lifting coils N_c under one wavelength", _PAPER, 0.5),
     "width_top": Parameter(0.12, "m", 0.0, 10.0, "width of the top array", _PAPER, 0.002),
     "width_side": Parameter(0.08, "m", 0.0, 10.0, "width of each side array", _PAPER, 0.002),
     "gravity": Parameter(9.81, "m/s²", 0.0, 100.0, "acceleration of gravity a_g", _PAPER, 0.05),
-    "nominal_gap": Parameter(0.010, "m", 0.0, 1.0, "gap g0 of all three arrays in the zero pose", "Kim and Ge (2012)", 1e-4),
-    "contact_stiffness": Parameter(9.1e6, "N/m", 0.0, 1e9, "stiffness k_c of the contact; 0: no contact", _OURS + "; sinks 0.01 mm at rest, section 3.3", 3e5),
+    "nominal_gap": Parameter(
+        0.010, "m", 0.0, 1.0, "gap g0 of all three arrays in the zero pose", "Kim and Ge (2012)", 1e-4
+    ),
+    "contact_stiffness": Parameter(
+        9.1e6,
+        "N/m",
+        0.0,
+        1e9,
+        "stiffness k_c of the contact; 0: no contact",
+        _OURS + "; sinks 0.01 mm at rest, section 3.3",
+        3e5,
+    ),
     "contact_damping": Parameter(5e3, "N·s/m", 0.0, 1e6, "damping b_c of the contact", _OURS, 3e2),
     "roll_inertia": Parameter(0.091, "kg·m²", 1e-6, 1e6, "moment of inertia I_zz about the travel", _OURS, 1e-3),
-    "magnet_top_height": Parameter(0.040, "m", -5.0, 5.0, "height of the top array's centre over the centre of mass", _OURS, 1e-3),
-    "magnet_side_offset": Parameter(0.105, "m", 0.0, 5.0, "lateral distance of the side arrays' centres from the centre of mass", _OURS, 1e-3),
-    "magnet_side_height": Parameter(-0.035, "m", -5.0, 5.0, "height of the side arrays' centres over the centre of mass", _OURS, 1e-3),
+    "magnet_top_height": Parameter(
+        0.040, "m", -5.0, 5.0, "height of the top array's centre over the centre of mass", _OURS, 1e-3
+    ),
+    "magnet_side_offset": Parameter(
+        0.105, "m", 0.0, 5.0, "lateral distance of the side arrays' centres from the centre of mass", _OURS, 1e-3
+    ),
+    "magnet_side_height": Parameter(
+        -0.035, "m", -5.0, 5.0, "height of the side arrays' centres over the centre of mass", _OURS, 1e-3
+    ),
     "air_density": Parameter(1.29, "kg/m³", 0.0, 100.0, "density of air ρ", "Kim and Ge (2012), (14)", 0.05),
-    "array_length": Parameter(0.65, "m", 0.01, 100.0, "length over which the cradle's magnets feel a drive coil", _OURS + "; the body length l of (16)", 0.1),
+    "array_length": Parameter(
+        0.65,
+        "m",
+        0.01,
+        100.0,
+        "length over which the cradle's magnets feel a drive coil",
+        _OURS + "; the body length l of (16)",
+        0.1,
+    ),
 }
 
 #: Parameters a fit may move although only their ratio shows (see `shared` note in the docs): free by default.
@@ -138,7 +166,8 @@ DEFAULT_FREE = ("eta", "gamma")
 
 
 def check_parameters(values: Mapping[str, object], where: str = "") -> dict[str, float]:
-    """Return all of `PARAMETERS`, ``values`` in place of defaults. Raises `InputError` for an unknown name or a value out of range."""
+    """Return all of `PARAMETERS`, ``values`` in place of defaults. Raises `InputError` for an unknown name or a value
+    out of range."""
     place = f"{where}: " if where else ""
     for name in values:
         if name not in PARAMETERS:

@@ -28,11 +28,15 @@ def declared() -> dict[str, Parameter]:
     """Parameters of the sensor model: `measured.<sensor>.<rate|dropout>`, `measured.<channel>.<noise|bias|delay>`."""
     table = {}
     for sensor, channels in SENSORS.items():
-        table[f"measured.{sensor}.rate"] = Parameter(INSTRUMENTS[sensor].rate, "Hz", 0.0, 1000.0, f"samples of {sensor}; 0 is off")
+        table[f"measured.{sensor}.rate"] = Parameter(
+            INSTRUMENTS[sensor].rate, "Hz", 0.0, 1000.0, f"samples of {sensor}; 0 is off"
+        )
         table[f"measured.{sensor}.dropout"] = Parameter(0.0, "", 0.0, 1.0, f"share of {sensor} samples that are lost")
         for c in channels:
             unit = CHANNEL[c].unit
-            table[f"measured.{c}.noise"] = Parameter(CHANNEL[c].noise, unit, 0.0, 1e3, f"standard deviation of the noise of {c}")
+            table[f"measured.{c}.noise"] = Parameter(
+                CHANNEL[c].noise, unit, 0.0, 1e3, f"standard deviation of the noise of {c}"
+            )
             table[f"measured.{c}.bias"] = Parameter(0.0, unit, -1e3, 1e3, f"what {c} reads too much")
             table[f"measured.{c}.delay"] = Parameter(0.0, "s", 0.0, MAX_DELAY, f"how late the reading of {c} is")
     return table
@@ -45,7 +49,8 @@ def noise(values: Mapping[str, float]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Sample:
-    """One message of a sensor: its stamp (s), the reading by channel, and the true roll (rad), which an Imu turns with."""
+    """One message of a sensor: its stamp (s), the reading by channel, and the true roll (rad), which an Imu turns
+    with."""
 
     sensor: str
     time: float
@@ -66,8 +71,8 @@ class Rig:
     """Turns the truth at every tick into samples. The same seed and the same truth give the same samples; a negative
     seed is another each time.
 
-    A reading of what is yet to be true (a clock that is fast, a negative delay) is delivered when it is, with its stamp.
-    """
+    A reading of what is yet to be true (a clock that is fast, a negative delay) is delivered when it is, with its
+    stamp."""
 
     def __init__(self, values: Mapping[str, float], model: Model, seed: int) -> None:
         self._seed = seed
@@ -75,7 +80,8 @@ class Rig:
         self.restart()
 
     def change(self, values: Mapping[str, float], model: Model) -> None:
-        """From here on other parameters (names as `declared`; others are passed over) or another model's sensor effects."""
+        """From here on other parameters (names as `declared`; others are passed over) or another model's sensor
+        effects."""
         self.values = {name: values.get(name, parameter.default) for name, parameter in declared().items()}
         late = [("sensor_delay", c, {"delay": d}) for c in INDEX if (d := self.values.get(f"measured.{c}.delay"))]
         off = [("sensor_bias", c, {"bias": b}) for c in INDEX if (b := self.values.get(f"measured.{c}.bias"))]
@@ -85,14 +91,17 @@ class Rig:
 
     def restart(self) -> None:
         """Begin a new run with the same noise."""
-        self._random = {name: np.random.default_rng([self._seed, i] if self._seed >= 0 else None) for i, name in enumerate(SENSORS)}
+        self._random = {
+            name: np.random.default_rng([self._seed, i] if self._seed >= 0 else None) for i, name in enumerate(SENSORS)
+        }
         self._taken = dict.fromkeys(SENSORS, -1)
         self._waiting: dict[str, deque[tuple[float, np.ndarray]]] = {name: deque() for name in SENSORS}
         self._pasts: dict[str, Past] = {}
         self._times, self._runs, self._count = np.empty(_FIRST), np.empty((_FIRST, len(OUTPUTS))), 0
 
     def step(self, time: float, truth: np.ndarray, period: float) -> list[Sample]:
-        """The samples that come with this tick. ``truth`` (15,) is the run's at ``time`` (s), ``period`` (s) the ticks'."""
+        """The samples that come with this tick. ``truth`` (15,) is the run's at ``time`` (s), ``period`` (s) the
+        ticks'."""
         self._remember(time, truth)
         found = []
         for sensor in self._due(time, period):
@@ -103,11 +112,14 @@ class Rig:
                 reading = [self._reading(channel, stamp, row) for channel in SENSORS[sensor]]
                 noisy = self._noisy(sensor, reading)
                 if noisy is not None:
-                    found.append(Sample(sensor, stamp, dict(zip(SENSORS[sensor], noisy, strict=True)), float(row[INDEX["roll"]])))
+                    found.append(
+                        Sample(sensor, stamp, dict(zip(SENSORS[sensor], noisy, strict=True)), float(row[INDEX["roll"]]))
+                    )
         return found
 
     def record(self, times: np.ndarray, runs: np.ndarray, period: float) -> dict[str, Record]:
-        """What each sensor that is on delivers of a whole run (n, 15) at the ticks ``times`` (n,), from the run's start."""
+        """What each sensor that is on delivers of a whole run (n, 15) at the ticks ``times`` (n,), from the run's
+        start."""
         self.restart()
         due = [self._due(time, period) for time in times.tolist()]
         found = {}
@@ -115,7 +127,9 @@ class Rig:
             ticks = np.array([k for k, names in enumerate(due) if sensor in names], int)
             if not ticks.size:
                 continue
-            readings = np.column_stack([self.sensors.read(c, times[ticks], times, runs[None], held=True)[0] for c in channels])
+            readings = np.column_stack(
+                [self.sensors.read(c, times[ticks], times, runs[None], held=True)[0] for c in channels]
+            )
             kept = []
             for k, row in enumerate(readings):
                 noisy = self._noisy(sensor, row.tolist()) if np.isfinite(row).all() else None
@@ -140,7 +154,10 @@ class Rig:
         """The reading with noise on it; None where the sample is lost."""
         random = self._random[sensor]
         lost = random.random() < self.values[f"measured.{sensor}.dropout"]
-        noisy = [v + self.values[f"measured.{c}.noise"] * random.standard_normal() for c, v in zip(SENSORS[sensor], reading, strict=True)]
+        noisy = [
+            v + self.values[f"measured.{c}.noise"] * random.standard_normal()
+            for c, v in zip(SENSORS[sensor], reading, strict=True)
+        ]
         return None if lost else noisy
 
     # -- the truth of the last ticks ----------------------------------------------------------------------------

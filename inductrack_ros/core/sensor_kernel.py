@@ -36,11 +36,28 @@ def build(items: Sequence[Effect], announce: Callable[[str], None] | None = None
             *_function("shifted", "i, p, a, s, t, P", "return s", [_shift(i, e) for i, e in enumerate(items)]),
             *_function("mixed", "i, p, a, s, row, seen, P", "return", [_mix(i, e) for i, e in enumerate(items)]),
             *_function("started", "i, x, b, measured, row", "return", [_start(i, e) for i, e in enumerate(items)]),
-            *_function("altered", "i, p, a, x, b, t, measured, row, P, dx", "return measured", [_alter(i, e) for i, e in enumerate(items)]),
+            *_function(
+                "altered",
+                "i, p, a, x, b, t, measured, row, P, dx",
+                "return measured",
+                [_alter(i, e) for i, e in enumerate(items)],
+            ),
             inspect.getsource(sensor_loop),
         ]
     )
-    inner = ["shifted", "mixed", "started", "altered", "interval", "true_value", "reading", "phi", "phi_sum", "multiply", "follow"]
+    inner = [
+        "shifted",
+        "mixed",
+        "started",
+        "altered",
+        "interval",
+        "true_value",
+        "reading",
+        "phi",
+        "phi_sum",
+        "multiply",
+        "follow",
+    ]
     text = compiled.mark(compiled.mark(text, "_nrt=False", *inner), "cache=True", "read")
     return compiled.load(text, items, _warm_up, announce=announce)
 
@@ -71,7 +88,10 @@ def _arguments(item: Effect, known: dict[str, str]) -> str:
     for name in item.arguments:
         place = where.get(name) or known.get(name) or parameters.get(name)
         if place is None:
-            raise InputError(f"{place_of(item)} asks for '{name}', which a sensor does not know{did_you_mean(name, [*known, *parameters])}")
+            raise InputError(
+                f"{place_of(item)} asks for '{name}', which a sensor does not"
+                f" know{did_you_mean(name, [*known, *parameters])}"
+            )
         found.append(place)
     return ", ".join(found)
 
@@ -85,7 +105,11 @@ def _shift(i: int, item: Effect) -> list[str]:
 def _mix(i: int, item: Effect) -> list[str]:
     if item.of_channel:
         return []
-    known = {"time": "s"} | {c: f"row[{k}]" for c, k in INDEX.items()} | {f"measured_{c}": f"seen[{k}]" for c, k in INDEX.items()}
+    known = (
+        {"time": "s"}
+        | {c: f"row[{k}]" for c, k in INDEX.items()}
+        | {f"measured_{c}": f"seen[{k}]" for c, k in INDEX.items()}
+    )
     targets = ", ".join(f"seen[{INDEX[c]}]" for c in item.channels)
     return [f"{targets} = effect_{i}({_arguments(item, known)})"]
 
@@ -94,7 +118,10 @@ def _start(i: int, item: Effect) -> list[str]:
     lines = []
     for j, (name, quantity) in enumerate(item.states.items()):
         if quantity not in STARTS and quantity not in INDEX:
-            raise InputError(f"{place_of(item)}: the state '{name}' starts on '{quantity}', which is not there{did_you_mean(quantity, [*STARTS, *INDEX])}")
+            raise InputError(
+                f"{place_of(item)}: the state '{name}' starts on '{quantity}', which is not"
+                f" there{did_you_mean(quantity, [*STARTS, *INDEX])}"
+            )
         lines.append(f"x[b + {j}] = {STARTS.get(quantity) or f'row[{INDEX[quantity]}]'}")
     return lines
 
@@ -111,4 +138,19 @@ def _warm_up(module: ModuleType) -> None:
     """Compile, or load from the cache, what every run needs."""
     none, one = np.zeros((1, 0)), np.zeros(1)
     runs, whole = np.zeros((1, 1, len(OUTPUTS))), np.zeros(1, np.int64)
-    module.read(one, one, runs, whole, none, np.zeros((1, len(PARAMETERS))), np.zeros((0, 4), np.int64), whole, 0, np.nan, none, 0.0, False, np.zeros((1, 1)))
+    module.read(
+        one,
+        one,
+        runs,
+        whole,
+        none,
+        np.zeros((1, len(PARAMETERS))),
+        np.zeros((0, 4), np.int64),
+        whole,
+        0,
+        np.nan,
+        none,
+        0.0,
+        False,
+        np.zeros((1, 1)),
+    )

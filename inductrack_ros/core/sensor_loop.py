@@ -31,7 +31,8 @@ def interval(s, grid):
 
 
 def true_value(s, k, grid, run, c):
-    """Column c of a run (n, 15) at s in interval k: cubic where its slope is simulated, a parabola for gaps, else linear."""
+    """Column c of a run (n, 15) at s in interval k: cubic where its slope is simulated, a parabola for gaps, else
+    linear."""
     if grid.size == 1 or s == grid[k]:
         return run[k, c]
     h = grid[k + 1] - grid[k]
@@ -96,7 +97,8 @@ def phi(z):
 
 
 def phi_sum(J, h, b1, b2, b3, out, A, B, C):
-    """``out`` = φ_1(hJ) b1 + φ_2(hJ) b2 + φ_3(hJ) b3, from one exponential of a matrix (Al-Mohy and Higham 2011, theorem 2.1)."""
+    """``out`` = φ_1(hJ) b1 + φ_2(hJ) b2 + φ_3(hJ) b3, from one exponential of a matrix (Al-Mohy and Higham 2011,
+    theorem 2.1)."""
     n = b1.size
     if n == 1:
         one, two, three = phi(h * J[0, 0])
@@ -183,10 +185,9 @@ def follow(t, h, x, rig, run, p, P, work, matrices, row, seen):
 def read(at, grid, runs, which, p, P, plan, columns, column, begin, x, margin, held, out):
     """One channel's readings ``out`` (j, m) at the times ``at`` (m,), rising, for each job.
 
-    ``runs`` (u, n, 15) are true at ``grid`` (n,); job j reads run ``which[j]`` with its own rows of p and P. The states x
-    (j, s) are those at ``begin``, or start afresh at the grid's beginning where that is not a number; they end as those
-    at the last of ``at``.
-    """
+    ``runs`` (u, n, 15) are true at ``grid`` (n,); job j reads run ``which[j]`` with its own rows of p and P. The states
+    x (j, s) are those at ``begin``, or start afresh at the grid's beginning where that is not a number; they end as
+    those at the last of ``at``."""
     n = x.shape[1]
     row, seen, dx = np.zeros(15), np.zeros(15), np.zeros(max(n, 1))
     work, matrices = np.zeros((6, n)), np.zeros((4, n + 3, n + 3))

@@ -45,7 +45,8 @@ class Past:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What sensors make of the truth: the sensor effects of a model, and ``further`` ones (effect, channel, parameters) behind them.
+    """What sensors make of the truth: the sensor effects of a model, and ``further`` ones (effect, channel, parameters)
+    behind them.
 
     Parameters of the `faults` are entries of a vector p, named by ``parameters``; ``P`` (k,) is the model's own vector,
     of which an effect may ask for the model's parameters.
@@ -70,8 +71,12 @@ class Sensors:
     @cached_property
     def faults(self) -> tuple[Fault, ...]:
         """The effects that are on, in the order in which they apply."""
-        listed = [(*name.partition(":")[::2], values) for name, values in self.model.effects.items()] + list(self.further)
-        return tuple(Fault(f"{n}:{c}" if c else n, self.known[n], c, values) for n, c, values in listed if n in self.known)
+        listed = [(*name.partition(":")[::2], values) for name, values in self.model.effects.items()] + list(
+            self.further
+        )
+        return tuple(
+            Fault(f"{n}:{c}" if c else n, self.known[n], c, values) for n, c, values in listed if n in self.known
+        )
 
     @cached_property
     def P(self) -> np.ndarray:
@@ -87,7 +92,9 @@ class Sensors:
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Full names of the entries of p, e.g. ``sensor_bias:sway.bias``."""
-        return tuple(e for f in self.faults for name, d in f.effect.parameters.items() for e in d.entries(f"{f.name}.{name}"))
+        return tuple(
+            e for f in self.faults for name, d in f.effect.parameters.items() for e in d.entries(f"{f.name}.{name}")
+        )
 
     @cached_property
     def vector(self) -> np.ndarray:
@@ -129,18 +136,20 @@ class Sensors:
         """A channel's readings (j, m) at times ``at`` (m,), rising, of whole runs.
 
         ``runs`` (u, n, 15), columns as `state.OUTPUTS`, are true at ``grid`` (n,), whose first is where the run began.
-        Job j reads run ``which[j]`` (all, one after the other, unless given) with the parameters ``p[j]`` and ``P[j]`` (the
-        sensors' own unless given). The sensors' states start at the run's start, or from their ``past``. NaN before the run
-        began, unless the truth ``held`` before it, and after its end.
-        """
+        Job j reads run ``which[j]`` (all, one after the other, unless given) with the parameters ``p[j]`` and ``P[j]``
+        (the sensors' own unless given). The sensors' states start at the run's start, or from their ``past``. NaN
+        before the run began, unless the truth ``held`` before it, and after its end."""
         which = np.arange(len(runs)) if which is None else np.asarray(which, np.int64)
         return self._read(channel, at, grid, runs, which, p, P, past, held)[0]
 
-    def go_on(self, channel: str, at: np.ndarray, grid: np.ndarray, run: np.ndarray, past: Past | None) -> tuple[np.ndarray, Past]:
-        """Readings (m,) at times ``at`` of a run (n, 15) that is known at ``grid`` so far, from where a reading left off.
+    def go_on(
+        self, channel: str, at: np.ndarray, grid: np.ndarray, run: np.ndarray, past: Past | None
+    ) -> tuple[np.ndarray, Past]:
+        """Readings (m,) at times ``at`` of a run (n, 15) that is known at ``grid`` so far, from where a reading left
+        off.
 
-        ``past`` is None at the run's start. The grid has to reach back to it, and to the `true_times` that are asked for.
-        """
+        ``past`` is None at the run's start. The grid has to reach back to it, and to the `true_times` that are asked
+        for."""
         values, states = self._read(channel, at, grid, run[None], np.zeros(1, np.int64), None, None, past, True)
         return values[0], Past(float(at[-1]), states[0])
 
@@ -148,7 +157,9 @@ class Sensors:
         """When what a channel reads at times ``at`` (m,) was true, (m,) s from the run's start."""
         if channel not in self._shifts:
             return np.array(at, float)
-        return self._run(self._shifts[channel], INDEX["surge"], at, CLOCK, _CLOCK_RUN, np.zeros(1, np.int64), None, None, None, True)[0][0]
+        return self._run(
+            self._shifts[channel], INDEX["surge"], at, CLOCK, _CLOCK_RUN, np.zeros(1, np.int64), None, None, None, True
+        )[0][0]
 
     # -- how it is done -----------------------------------------------------------------------------------------
 
@@ -191,8 +202,8 @@ class Sensors:
 
 
 def counts_from_start(model: Model) -> bool:
-    """Whether a piece of a run cannot be simulated by itself: an effect asks for the time or the travel since the run began, a
-    sensor has states, which nobody knows there, or its clock gains on the run's."""
+    """Whether a piece of a run cannot be simulated by itself: an effect asks for the time or the travel since the run
+    began, a sensor has states, which nobody knows there, or its clock gains on the run's."""
     if any({"time", "travel"} & set(model.known_effects[name.partition(":")[0]].arguments) for name in model.effects):
         return True
     sensors = Sensors.of(model)
@@ -202,7 +213,8 @@ def counts_from_start(model: Model) -> bool:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Rows (r, 4) of `sensor_loop`, entries of p that they take, columns of the truth that are needed, number of states."""
+    """Rows (r, 4) of `sensor_loop`, entries of p that they take, columns of the truth that are needed, number of
+    states."""
 
     rows: np.ndarray
     own: np.ndarray
@@ -220,9 +232,17 @@ def _plan(channel: str, faults: Sequence[Fault], numbers: Mapping[str, int], pla
     for fault, place in zip(faults, places, strict=False):
         if fault.channel != channel and not (mixes and not fault.channel):
             continue
-        kind = sensor_loop.SHIFT if fault.effect.targets == ("sample_time",) else sensor_loop.ALTER if fault.channel else sensor_loop.MIX
+        kind = (
+            sensor_loop.SHIFT
+            if fault.effect.targets == ("sample_time",)
+            else sensor_loop.ALTER
+            if fault.channel
+            else sensor_loop.MIX
+        )
         rows.append((kind, numbers[fault.effect.name], place, states))
         own += range(place, place + _size(fault))
         states += len(fault.effect.states)
         columns |= {*sensor_kernel.columns_of(fault.effect), *(INDEX[c] for c in fault.effect.channels)}
-    return _Plan(np.array(rows, np.int64).reshape(-1, 4), np.array(own, np.int64), np.array(sorted(columns), np.int64), states)
+    return _Plan(
+        np.array(rows, np.int64).reshape(-1, 4), np.array(own, np.int64), np.array(sorted(columns), np.int64), states
+    )

@@ -51,8 +51,14 @@ CHANNEL: dict[str, Channel] = {
     "sway_rate": _channel("m/s", 2e-3, 1e-2, 0.5, "Sway speed", thousandths=True),
     "heave_rate": _channel("m/s", 2e-3, 1e-2, 0.5, "Heave speed", thousandths=True),
     "roll_rate": _channel("rad/s", 5e-3, 1e-2, 5.0, "Roll speed", thousandths=True),
-    **{f"gap_{side}": _channel("m", 3e-5, 1e-4, 0.01, f"{side.capitalize()} gap", thousandths=True) for side in ("top", "right", "left")},
-    **{a: _channel("m/s²", 0.05, 0.1, 10.0, f"{c.capitalize()} acceleration") for c, a in zip(COORDINATES[:3], ACCELERATIONS, strict=False)},
+    **{
+        f"gap_{side}": _channel("m", 3e-5, 1e-4, 0.01, f"{side.capitalize()} gap", thousandths=True)
+        for side in ("top", "right", "left")
+    },
+    **{
+        a: _channel("m/s²", 0.05, 0.1, 10.0, f"{c.capitalize()} acceleration")
+        for c, a in zip(COORDINATES[:3], ACCELERATIONS, strict=False)
+    },
     "roll_acceleration": _channel("rad/s²", 0.5, 0.1, 100.0, "Roll acceleration"),
 }
 UNITS = {name: channel.unit for name, channel in CHANNEL.items()}
@@ -62,7 +68,8 @@ RATE_UNITS = {"m": "m/s", "rad": "rad/s", "m/s": "m/s²", "rad/s": "rad/s²", "m
 
 @dataclass(frozen=True)
 class Instrument:
-    """A sensor of the rig: the ``channels`` that it delivers in one ``message`` (a ROS type), and its usual ``rate`` (Hz)."""
+    """A sensor of the rig: the ``channels`` that it delivers in one ``message`` (a ROS type), and its usual ``rate``
+    (Hz)."""
 
     channels: tuple[str, ...]
     message: str
@@ -76,6 +83,7 @@ INSTRUMENTS: dict[str, Instrument] = {
     "imu": Instrument(ACCELERATIONS[:3], "sensor_msgs/msg/Imu", 100.0),
     **{gap: Instrument((gap,), "sensor_msgs/msg/Range", 100.0) for gap in GAPS},
 }
+
 
 #: Coordinates that move for each number of degrees of freedom; the others are held (1: the speed is held too).
 class _Moving(dict[int | tuple[str, ...], tuple[str, ...]]):
@@ -101,4 +109,3 @@ def as_dof(value: object) -> int | tuple[str, ...] | None:
         names = tuple(c for c in COORDINATES if c in value)
         return next((number for number in tuple(MOVING) if MOVING[number] == names), names)
     return value if type(value) is int and value in MOVING else None
-

@@ -1,7 +1,7 @@
 """How well a model's parameters are known: a covariance that a parameter file carries beside the model.
 
-It stands under a name of its own, `BLOCK`, which no node has. So nodes, and readers that know nothing of it, pass over it.
-"""
+It stands under a name of its own, `BLOCK`, which no node has. So nodes, and readers that know nothing of it, pass over
+it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ ROUNDING = -1e-6
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """The covariance (p, p) of the parameters ``names`` (p,), full names as in `Kernel.parameters` or of sensors, in their SI units squared."""
+    """The covariance (p, p) of the parameters ``names`` (p,), full names as in `Kernel.parameters` or of sensors, in
+    their SI units squared."""
 
     names: tuple[str, ...]
     covariance: np.ndarray
@@ -42,7 +43,8 @@ class Uncertainty:
         return self.of([n for n, v in zip(self.names, np.diag(self.covariance), strict=True) if np.isfinite(v)])
 
     def block(self) -> dict[str, object]:
-        """The lines of a parameter file, by node; none where nothing is known. ROS 2 has no nested lists: rows follow each other."""
+        """The lines of a parameter file, by node; none where nothing is known. ROS 2 has no nested lists: rows follow
+        each other."""
         if not self.names:
             return {}
         rows = [float(v) for v in self.covariance.ravel()]
@@ -50,20 +52,32 @@ class Uncertainty:
 
     @classmethod
     def load(cls, path: str | Path) -> Uncertainty | None:
-        """What the parameter file carries; None where it carries none. Raises `InputError` for one that cannot be a covariance."""
+        """What the parameter file carries; None where it carries none. Raises `InputError` for one that cannot be a
+        covariance."""
         values = next((b.values for b in read_blocks(path) if b.pattern == BLOCK), None)
         if values is None:
             return None
         names, flat = values.get("parameters"), values.get("covariance")
         place = f"{path}: {BLOCK}"
-        if not isinstance(names, list) or not names or any(not isinstance(n, str) for n in names) or len(set(names)) < len(names):
+        if (
+            not isinstance(names, list)
+            or not names
+            or any(not isinstance(n, str) for n in names)
+            or len(set(names)) < len(names)
+        ):
             raise InputError(f"{place}: parameters must be a list of different names")
         numbers = isinstance(flat, list) and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in flat)
         if not numbers or len(flat) != len(names) ** 2:
-            raise InputError(f"{place}: covariance must list {len(names)} × {len(names)} numbers, row after row, for its {len(names)} parameters")
+            raise InputError(
+                f"{place}: covariance must list {len(names)} × {len(names)} numbers, row after row, for its"
+                f" {len(names)} parameters"
+            )
         covariance = np.array(flat, float).reshape(len(names), len(names))
         if not _is_covariance(covariance):
-            raise InputError(f"{place}: covariance is not one: it must be finite, symmetric and not negative; write it anew with fit or diagnose")
+            raise InputError(
+                f"{place}: covariance is not one: it must be finite, symmetric and not negative; write it anew with fit"
+                " or diagnose"
+            )
         return cls(tuple(names), covariance)
 
 

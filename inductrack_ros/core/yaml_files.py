@@ -1,4 +1,5 @@
-"""YAML that people write, read as data: no tags, no key twice, the line of every key, and one line for what is wrong."""
+"""YAML that people write, read as data: no tags, no key twice, the line of every key, and one line for what is
+wrong."""
 
 from __future__ import annotations
 
@@ -26,7 +27,9 @@ class _Loader(yaml.SafeLoader):
 class _NoAliases(_Loader):
     def compose_node(self, parent, index):
         if self.check_event(yaml.AliasEvent):
-            raise yaml.MarkedYAMLError(problem="aliases (*name) cannot stand here", problem_mark=self.peek_event().start_mark)
+            raise yaml.MarkedYAMLError(
+                problem="aliases (*name) cannot stand here", problem_mark=self.peek_event().start_mark
+            )
         return super().compose_node(parent, index)
 
 

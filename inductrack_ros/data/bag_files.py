@@ -1,8 +1,8 @@
-"""Opens what people have of a rosbag2: a folder with or without its metadata, a bare file, compressed, cut off, of any distribution.
+"""Opens what people have of a rosbag2: a folder with or without its metadata, a bare file, compressed, cut off, of any
+distribution.
 
-The storage files tell what is in them; `metadata.yaml` only says which they are and in what order. They are read one after
-the other by `rosbags`, so that a recording of a thousand files needs no thousand open ones.
-"""
+The storage files tell what is in them; `metadata.yaml` only says which they are and in what order. They are read one
+after the other by `rosbags`, so that a recording of a thousand files needs no thousand open ones."""
 
 from __future__ import annotations
 
@@ -38,7 +38,11 @@ class Topic:
 
     def joined(self, other: Topic | None) -> Topic:
         """This and another part of the same topic."""
-        return self if other is None else Topic(self.name, other.msgtype, self.count + other.count, self.lossy and other.lossy)
+        return (
+            self
+            if other is None
+            else Topic(self.name, other.msgtype, self.count + other.count, self.lossy and other.lossy)
+        )
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,8 @@ class Bag:
     _files: tuple[_File, ...] = field(repr=False, default=())
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-        """Topic, log time (ns) and bytes of every message on these topics, file by file. Raises InputError for a damaged one."""
+        """Topic, log time (ns) and bytes of every message on these topics, file by file. Raises InputError for a
+        damaged one."""
         for file in self._files:
             with _saying_what_is_damaged(file):
                 yield from _messages(file, names)
@@ -101,11 +106,16 @@ def open_bag(path: Path) -> Iterator[Bag]:
             found = sum(t.count for t in topics.values())
             cut = [f.given.name for f in files if f.cut]
             if cut and not found:
-                raise InputError(f"{path}: {cut[0]} is cut off and holds no whole message; copy it again or try `mcap recover {cut[0]}`")
+                raise InputError(
+                    f"{path}: {cut[0]} is cut off and holds no whole message; copy it again or try `mcap recover"
+                    f" {cut[0]}`"
+                )
             if cut or found < promised:
                 what = f"{cut[0]} is cut off" if cut else f"{METADATA} promises more"
                 mend = f"; `mcap recover {cut[0]}` mends the file" if cut else ""
-                notes.append(f"{what}: {found}{f' of {promised}' if promised else ''} messages are whole and read{mend}")
+                notes.append(
+                    f"{what}: {found}{f' of {promised}' if promised else ''} messages are whole and read{mend}"
+                )
             yield Bag(path, topics, tuple(notes), files)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
@@ -131,7 +141,9 @@ def _storage_files(path: Path, notes: list[str]) -> tuple[list[Path], int]:
     if named:
         missing = [name for name in named if not (path / name).is_file()]
         if missing:
-            raise InputError(f"{path}: {missing[0]} is missing, which {METADATA} names; copy it here, or `ros2 bag reindex {path}`")
+            raise InputError(
+                f"{path}: {missing[0]} is missing, which {METADATA} names; copy it here, or `ros2 bag reindex {path}`"
+            )
         if left := [p.name for p in inside if p.name not in named]:
             notes.append(f"{', '.join(left)} is left out: {METADATA} does not name it")
         return [path / name for name in named], promised
@@ -141,7 +153,9 @@ def _storage_files(path: Path, notes: list[str]) -> tuple[list[Path], int]:
             return [ros1], 0
         raise InputError(f"{path}: not a rosbag2 folder: neither {METADATA} nor a .mcap or .db3 in it")
     if len({re.sub(r"_\d+$", "", _inner(p).stem) + _inner(p).suffix for p in inside}) > 1:
-        raise InputError(f"{path}: {METADATA} is missing, and the files belong to several bags; name one of them as the run's file")
+        raise InputError(
+            f"{path}: {METADATA} is missing, and the files belong to several bags; name one of them as the run's file"
+        )
     return inside, promised
 
 
@@ -183,16 +197,23 @@ def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
             with zstd.open(file, "rb") as packed, path.open("wb") as unpacked:
                 shutil.copyfileobj(packed, unpacked)
         except (zstd.ZstdError, EOFError) as error:
-            raise InputError(f"{file}: the zstd compression is damaged or cut off ({_one_line(error)}); copy the file again") from None
+            raise InputError(
+                f"{file}: the zstd compression is damaged or cut off ({_one_line(error)}); copy the file again"
+            ) from None
         head = _head(path)
     if head.startswith(ROS1):
-        raise InputError(f"{file}: a ROS 1 bag; convert it: `rosbags-convert --src {file} --dst {file.with_suffix('')}`, and name that folder")
+        raise InputError(
+            f"{file}: a ROS 1 bag; convert it: `rosbags-convert --src {file} --dst {file.with_suffix('')}`, and name"
+            " that folder"
+        )
     if head.startswith(SQLITE):
         return _File(_database(path, file, folder, notes), file)
     if not head:
         raise InputError(f"{file}: empty, the recording was cut off; record it again")
     if not head.startswith(MAGIC):
-        raise InputError(f"{file}: cannot be read as a rosbag2: it begins neither as MCAP nor as SQLite, damaged or cut off")
+        raise InputError(
+            f"{file}: cannot be read as a rosbag2: it begins neither as MCAP nor as SQLite, damaged or cut off"
+        )
     with path.open("rb") as stream:
         stream.seek(0, 2)
         stream.seek(max(stream.tell() - len(MAGIC), len(MAGIC)))
@@ -201,7 +222,8 @@ def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
 
 
 def _database(path: Path, given: Path, folder: Path, notes: list[str]) -> Path:
-    """A database that is whole in one file. Changes that SQLite keeps beside it (a recorder that was killed) are taken in, in a copy."""
+    """A database that is whole in one file. Changes that SQLite keeps beside it (a recorder that was killed) are taken
+    in, in a copy."""
     beside = [Path(f"{given}{suffix}") for suffix in ("-wal", "-journal")]
     beside = [p for p in beside if p.is_file() and p.stat().st_size]
     if not beside:
@@ -217,13 +239,16 @@ def _database(path: Path, given: Path, folder: Path, notes: list[str]) -> Path:
             database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             database.execute("PRAGMA journal_mode=DELETE").fetchall()
     except sqlite3.Error as error:
-        raise InputError(f"{beside[0]}: cannot be taken into {given.name} ({_one_line(error)}); try `sqlite3 {given.name} .recover`") from None
+        raise InputError(
+            f"{beside[0]}: cannot be taken into {given.name} ({_one_line(error)}); try `sqlite3 {given.name} .recover`"
+        ) from None
     notes.append(f"{beside[0].name} is read too: the recorder ended before it was taken into {given.name}")
     return copy
 
 
 def _under(path: Path, folder: Path, suffix: str) -> Path:
-    """The path, or a link to it where its suffix hides what it is or SQLite would take its name for an address (`run #3`)."""
+    """The path, or a link to it where its suffix hides what it is or SQLite would take its name for an address (`run
+    #3`)."""
     if path.suffix == suffix and not re.search(r"[?#%]", str(path)):
         return path
     folder.mkdir(exist_ok=True)
@@ -249,7 +274,11 @@ def _topics(file: _File) -> Iterator[Topic]:
     if file.cut:
         counts: dict[tuple[str, str, bool], int] = {}
         for channel, _, _ in salvage(file.path):
-            key = channel.topic, channel.msgtype, bool(re.search(r"reliability: *['\"]?(2|best_effort)\b", channel.offered_qos))
+            key = (
+                channel.topic,
+                channel.msgtype,
+                bool(re.search(r"reliability: *['\"]?(2|best_effort)\b", channel.offered_qos)),
+            )
             counts[key] = counts.get(key, 0) + 1
         yield from (Topic(*key[:2], count, key[2]) for key, count in counts.items())
         return
@@ -270,7 +299,9 @@ def _messages(file: _File, names: Collection[str]) -> Iterator[tuple[str, int, b
         connections = [c for c in reader.connections if c.topic in names and c.msgcount]
         if not connections:
             return
-        for connection, time, data in reader.messages(connections):  # a message begins with 0, a compressed one does not
+        for connection, time, data in reader.messages(
+            connections
+        ):  # a message begins with 0, a compressed one does not
             yield connection.topic, time, zstd.decompress(data) if data[:4] == ZSTD else data
 
 

@@ -58,7 +58,8 @@ def read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict[
 
 
 def read_field(bag: Bag, topic: str, field: str) -> tuple[NDArray[np.int64], Array]:
-    """Stamps (m,) in ns and numbers (m,) of one field, e.g. `point.x` or `data[0]`; a message without header counts from its log time.
+    """Stamps (m,) in ns and numbers (m,) of one field, e.g. `point.x` or `data[0]`; a message without header counts
+    from its log time.
 
     Raises InputError where there is no such topic or no such number in it.
     """
@@ -67,7 +68,9 @@ def read_field(bag: Bag, topic: str, field: str) -> tuple[NDArray[np.int64], Arr
         raise InputError(f"{where}: no such topic in the bag{did_you_mean(topic, bag.topics)}")
     store, msgtype = _typestore(Stores.ROS2_JAZZY), bag.topics[topic].msgtype
     if msgtype not in store.fielddefs:
-        raise InputError(f"{where}: {msgtype} is not known; republish the number as a standard message, say a PointStamped")
+        raise InputError(
+            f"{where}: {msgtype} is not known; republish the number as a standard message, say a PointStamped"
+        )
     stamps, values = array("q"), array("d")
     for _, time, raw in bag.messages({topic}):
         try:
@@ -77,7 +80,9 @@ def read_field(bag: Bag, topic: str, field: str) -> tuple[NDArray[np.int64], Arr
             number = float(value)
         except Exception as error:
             names = ", ".join(name for name, _ in store.fielddefs[msgtype][1])
-            raise InputError(f"{where}: no number there ({' '.join(str(error).split())[:100]}); {msgtype} has {names}") from None
+            raise InputError(
+                f"{where}: no number there ({' '.join(str(error).split())[:100]}); {msgtype} has {names}"
+            ) from None
         if math.isfinite(number):
             stamp = getattr(getattr(message, "header", None), "stamp", None)
             stamps.append(time if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec)
@@ -154,7 +159,9 @@ class _Reading:
         self._judge_orientations(columns, notes)
         if self._lost:
             notes.append(f"{self._lost} of {self.count} messages on {self.topic} are NaN or infinite: not measured")
-        place = Place(self.where, lambda i: f"message {i + 1}", "message", "one publisher, one run to a bag", f" on {self.topic}")
+        place = Place(
+            self.where, lambda i: f"message {i + 1}", "message", "one publisher, one run to a bag", f" on {self.topic}"
+        )
         index, said = in_order(stamps, columns, place)
         notes += said
         if index is not None:
@@ -175,7 +182,10 @@ class _Reading:
             stamps, columns = stamps[there], [c[there] for c in columns]
         held = {n: c for n, c in zip(COLUMNS[self.key], columns, strict=True) if not np.isnan(c).all()}
         if len(held) < len(columns):
-            notes.append(f"{', '.join(n for n in COLUMNS[self.key] if n not in held)} on {self.topic} is never measured and left out")
+            notes.append(
+                f"{', '.join(n for n in COLUMNS[self.key] if n not in held)} on {self.topic} is never measured and"
+                " left out"
+            )
         if "roll" in held:  # an angle recorded as a quaternion comes back within ±π; the model's does not jump
             known = ~np.isnan(held["roll"])
             held["roll"][known] = np.unwrap(held["roll"][known])
@@ -214,7 +224,8 @@ class _Reading:
         return frames.pose_to_coordinates(numbers[:, :3], upright)
 
     def _judge_orientations(self, columns: list[Array], notes: list[str]) -> None:
-        """An orientation of 0 in all poses: a tracker of places only. In some: it had lost what it tracks, and its place too."""
+        """An orientation of 0 in all poses: a tracker of places only. In some: it had lost what it tracks, and its
+        place too."""
         if self.key != "pose" or not any(self._blank):
             return
         blank = np.array(self._blank, bool)

@@ -82,10 +82,14 @@ class _Bag:
         """Function that writes a message of this type, given its stamp and its fields."""
         connection = self._writer.add_connection(topic, msgtype, typestore=self._store)
         kind = self._store.types[msgtype]
-        return lambda stamp, *fields: self._writer.write(connection, stamp, self._store.serialize_cdr(kind(*fields), msgtype))
+        return lambda stamp, *fields: self._writer.write(
+            connection, stamp, self._store.serialize_cdr(kind(*fields), msgtype)
+        )
 
 
-def _write_measured(bag: _Bag, measured: Mapping[str, Record], start: float, gravity: float, child_frame_id: str) -> None:
+def _write_measured(
+    bag: _Bag, measured: Mapping[str, Record], start: float, gravity: float, child_frame_id: str
+) -> None:
     """What the sensors delivered, as the `sim` node publishes it."""
     point, vector, quaternion = (bag.geometry[n] for n in ("Point", "Vector3", "Quaternion"))
     no_covariance = np.zeros(9)

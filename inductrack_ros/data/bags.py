@@ -28,7 +28,12 @@ MEASURED = TRUTH + "measured/"
 PULSE_TOPICS = (TRUTH + "fired_pulses", TRUTH + "drive_pulses")
 ODOMETRY = TRUTH + "odometry"
 #: Types that say something of a rig's motion; topics of these that are not read are named.
-_TELLING = {*TYPES.values(), "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/AccelStamped"}
+_TELLING = {
+    *TYPES.values(),
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/AccelStamped",
+}
 #: What the package's nodes publish beside a rig's sensors: known, so not named where it is not read.
 _OURS = ("pose", "twist", "odometry", "imu", *GAPS, "fired_pulses", "drive_pulses", "residual/pose", "residual/twist")
 
@@ -66,7 +71,9 @@ def read_bag(
         streams = _read_streams(bag, wanted, notes)
         fields = {n: read_field(bag, *where.rsplit(":", 1)) for n, where in (inputs or {}).items()}
     run = _laid_out(path, name, streams, gravity, notes)
-    return replace(run, inputs={n: (_seconds(stamps, int(run.stamps[0])), values) for n, (stamps, values) in fields.items()})
+    return replace(
+        run, inputs={n: (_seconds(stamps, int(run.stamps[0])), values) for n, (stamps, values) in fields.items()}
+    )
 
 
 def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity: float, notes: list[str]) -> Run:
@@ -91,7 +98,9 @@ def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity:
         raise InputError(f"{path}: only one sample; a run needs at least 2")
     held = {channel for stream in given.values() for channel in stream.names}
     channels = tuple(c for c in CHANNELS if c in held)
-    values = np.empty((len(channels), len(stamps))).T  # column by column: each takes its memory as that of its source goes
+    values = np.empty(
+        (len(channels), len(stamps))
+    ).T  # column by column: each takes its memory as that of its source goes
     for stream in given.values():
         rows = slice(None) if np.array_equal(stamps, stream.stamps) else np.searchsorted(stamps, stream.stamps)
         for channel in reversed(stream.names):
@@ -129,18 +138,23 @@ def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, 
         found = next((c for c in candidates if c in present), None)
         if found is None:
             if asked is not None or key == "pose":
-                raise InputError(f"{path}: no topic {candidates[0]} for {key}; {_set(key, present)}; the bag has {_held(present)}")
+                raise InputError(
+                    f"{path}: no topic {candidates[0]} for {key}; {_set(key, present)}; the bag has {_held(present)}"
+                )
             continue
         if present[found].msgtype != msgtype:
             if asked is None and prefix not in (MEASURED, TRUTH):
                 continue  # beside a pose of somebody else's: named among what is left out
-            raise InputError(f"{path}: topic {found} is {present[found].msgtype}, but {key} must be {msgtype}; {_set(key)}")
+            raise InputError(
+                f"{path}: topic {found} is {present[found].msgtype}, but {key} must be {msgtype}; {_set(key)}"
+            )
         wanted[key] = found
     return wanted
 
 
 def _beside_the_pose(topics: Mapping[str, str | None], present: Mapping[str, Topic]) -> tuple[str, tuple[str, ...]]:
-    """Where the other sensors stand, and the pulses: beside the pose that was asked for, else under the package's own names."""
+    """Where the other sensors stand, and the pulses: beside the pose that was asked for, else under the package's own
+    names."""
     pose = topics.get("pose")
     if pose is not None:
         prefix, slash, last = _absolute(pose).rpartition("/")
@@ -163,9 +177,7 @@ def _left_out(
     known |= {f"{prefix}/{name}" for name in (*_OURS, *topics) if topics.get(name, "") is None}
     known |= {ODOMETRY, *PULSE_TOPICS} | {f"{prefix}/{name}" for name in ("odometry", "fired_pulses", "drive_pulses")}
     read = {*wanted.values(), *known, *(where.rsplit(":", 1)[0] for where in inputs.values())}
-    left = sorted(
-        t.name for t in present.values() if t.msgtype in _TELLING and t.count and t.name not in read
-    )
+    left = sorted(t.name for t in present.values() if t.msgtype in _TELLING and t.count and t.name not in read)
     if not left:
         return []
     more = f" and {len(left) - 6} more" if len(left) > 6 else ""
@@ -208,7 +220,9 @@ def _rotate_to_track(imu: Stream, pose: Stream, gravity: float) -> None:
         rows = slice(first, first + BLOCK)
         angle = np.interp(_seconds(imu.stamps[rows], start), times, roll)
         force = np.column_stack([column[rows] for column in imu.columns])
-        for column, values in zip(imu.columns, frames.specific_force_to_accelerations(force, angle, gravity).T, strict=True):
+        for column, values in zip(
+            imu.columns, frames.specific_force_to_accelerations(force, angle, gravity).T, strict=True
+        ):
             column[rows] = values
 
 

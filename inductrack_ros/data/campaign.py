@@ -72,7 +72,8 @@ class Campaign:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was converted, sorted or left out while the runs were read: one line each, with the names of its runs."""
+        """What was converted, sorted or left out while the runs were read: one line each, with the names of its
+        runs."""
         runs_by_note: dict[str, list[str]] = {}
         for run in self.runs:
             for note in run.notes:
@@ -80,24 +81,37 @@ class Campaign:
         return self.remarks + tuple(f"{_some(names)}: {note}" for note, names in runs_by_note.items())
 
     def against(self, model: Model) -> Campaign:
-        """The campaign with a remark for each condition and input that neither this model nor any effect that it knows asks for,
-        and for each condition that an effect asks for and runs do not say: where the effect is on, or other runs do."""
+        """The campaign with a remark for each condition and input that neither this model nor any effect that it knows
+        asks for, and for each condition that an effect asks for and runs do not say: where the effect is on, or other
+        runs do."""
         asked = {c for item in model.known_effects.values() for c in item.conditions}
         asked |= {*PARAMETERS, *(f"{e}.{p}" for e, item in model.known_effects.items() for p in item.parameters)}
         given = dict.fromkeys(name for run in self.runs for name in run.conditions)
-        lines = [f"condition '{name}' is not used: neither the model nor an effect asks for it" for name in given if name not in asked]
+        lines = [
+            f"condition '{name}' is not used: neither the model nor an effect asks for it"
+            for name in given
+            if name not in asked
+        ]
         on = [model.known_effects[name.partition(":")[0]] for name in model.effects]
-        wanted = {c: d for item in model.known_effects.values() for c, d in item.conditions.items() if item in on or c in given}
+        wanted = {
+            c: d
+            for item in model.known_effects.values()
+            for c, d in item.conditions.items()
+            if item in on or c in given
+        }
         for name, default in wanted.items():
             silent = [run.name for run in self.runs if name not in run.conditions]
             if silent and name not in PARAMETERS:
                 lines.append(f"{_some(silent)}: no condition '{name}'; {model.condition(name, default):g} is taken")
         measured = dict.fromkeys(name for run in self.runs for name in run.inputs if name != "drive_current")
-        lines += [f"input '{name}' is read and not used: the model takes no input that changes in time" for name in measured]
+        lines += [
+            f"input '{name}' is read and not used: the model takes no input that changes in time" for name in measured
+        ]
         return replace(self, remarks=(*self.remarks, *lines))
 
     def load_model(self, file: str | Path | None = None, effect_files: Iterable[str | Path] = ()) -> Model:
-        """The model the campaign is held against: that of ``file``, else the campaign's own, else the package's default.
+        """The model the campaign is held against: that of ``file``, else the campaign's own, else the package's
+        default.
 
         A campaign is data: its own model may name no effect files that are not among ``effect_files``.
         """
@@ -180,9 +194,7 @@ def _runs(folder: Path, mapping: Section, reading: _Reading) -> tuple[Run, ...]:
             raise section.error("file", f"{file} is listed twice; delete one")
         files.append(file)
     names = _names(folder, files)
-    return tuple(
-        _run(section, file, name, reading) for section, file, name in zip(sections, files, names, strict=True)
-    )
+    return tuple(_run(section, file, name, reading) for section, file, name in zip(sections, files, names, strict=True))
 
 
 def _run(section: Section, file: Path, name: str, reading: _Reading) -> Run:
@@ -196,7 +208,11 @@ def _run(section: Section, file: Path, name: str, reading: _Reading) -> Run:
     if current is None and run.pulses is None:
         raise section.error("file", f"drive_current of {file.name} is missing; give it in A, 0 for coasting")
     return replace(
-        run, drive_current=current or 0.0, initial_state=initial_state, conditions=conditions, notes=(*run.notes, *notes)
+        run,
+        drive_current=current or 0.0,
+        initial_state=initial_state,
+        conditions=conditions,
+        notes=(*run.notes, *notes),
     )
 
 
@@ -218,8 +234,10 @@ def _names(folder: Path, files: list[Path]) -> list[str]:
     names = [file.name if file.is_dir() else Path(unpacked_name(file)).stem for file in files]
     taken = Counter(names)
     return [
-        "_".join(part for part in Path(os.path.relpath(file, folder)).parts if part != "..")
-        if taken[name] > 1
-        else name
+        (
+            "_".join(part for part in Path(os.path.relpath(file, folder)).parts if part != "..")
+            if taken[name] > 1
+            else name
+        )
         for name, file in zip(names, files, strict=True)
     ]

@@ -1,6 +1,6 @@
 """Every key of `campaign.yaml`: what it may hold, what it means, and how it is read.
 
-    python -m inductrack_ros.data.campaign_keys         prints the table of docs/campaigns.md
+python -m inductrack_ros.data.campaign_keys         prints the table of docs/campaigns.md
 """
 
 from __future__ import annotations
@@ -41,41 +41,54 @@ KEYS = {
         "topics of the bags",
     ),
     "inputs": Key(
-        "name: column of a CSV, or topic:field of a bag (`/bus:point.x`)", "none",
+        "name: column of a CSV, or topic:field of a bag (`/bus:point.x`)",
+        "none",
         "what else was measured in time, under the name that the model or an effect calls it",
     ),
-    "model": Key("file, from the campaign's folder", "the paper's model", "the rig's parameter file; `--model` goes before it"),
+    "model": Key(
+        "file, from the campaign's folder", "the paper's model", "the rig's parameter file; `--model` goes before it"
+    ),
     "free": Key("list of parameters", f"[{', '.join(FREE)}]", "what a fit may move besides the initial states"),
     "dof": Key(
-        f"1, 2, 4, or a list out of {', '.join(COORDINATES)}", "the model's",
+        f"1, 2, 4, or a list out of {', '.join(COORDINATES)}",
+        "the model's",
         "the coordinates that move; 1: heave, 2: surge and heave, 4: all. The others are held",
     ),
     "limits": Key(
-        "state or `drive_current`: [least, most], SI; `contact`: true or false", "none; with any, `contact` is false",
+        "state or `drive_current`: [least, most], SI; `contact`: true or false",
+        "none; with any, `contact` is false",
         "what a run of the rig may not leave: the run that a diagnosis proposes stays within it from start to end",
     ),
-}  # fmt: skip
+}
 RUN_KEYS = {
     "file": Key("file or folder, from the campaign's folder", "needed", "a CSV, a rosbag2 folder, or one of its files"),
-    "drive_current": Key("number, A", "needed, but for a bag with pulses or where `inputs` has it", "the drive's current; 0 is coasting"),
+    "drive_current": Key(
+        "number, A", "needed, but for a bag with pulses or where `inputs` has it", "the drive's current; 0 is coasting"
+    ),
     "initial_state": Key("state: number, SI", "estimated", "what is known of the state at the first sample"),
     "conditions": Key(
-        "name: number", "none",
-        "numbers of this run: one with a model parameter's name takes its place (`mass: 9.42`), others are there for effects (`track_temperature: 31.0`)",
+        "name: number",
+        "none",
+        "numbers of this run: one with a model parameter's name takes its place (`mass: 9.42`), others are there for"
+        " effects (`track_temperature: 31.0`)",
     ),
-}  # fmt: skip
+}
 
 
 def table() -> str:
     """The keys in Markdown, as docs/campaigns.md shows them."""
     rows = ["| key | holds | where it is absent | meaning |", "|---|---|---|---|"]
     for prefix, keys in (("", KEYS), ("runs[]. ", RUN_KEYS)):
-        rows += [f"| `{(prefix + name).replace(' ', '')}` | {k.holds} | {k.absent} | {k.meaning} |" for name, k in keys.items()]
+        rows += [
+            f"| `{(prefix + name).replace(' ', '')}` | {k.holds} | {k.absent} | {k.meaning} |"
+            for name, k in keys.items()
+        ]
     return "\n".join(rows)
 
 
 class Section:
-    """One mapping of the YAML: where it stands, and its values with complaints that name file and line. ``known`` None: any name."""
+    """One mapping of the YAML: where it stands, and its values with complaints that name file and line. ``known`` None:
+    any name."""
 
     def __init__(self, file: Path, place: str, content: Any, known: Iterable[str] | None, line: int = 1) -> None:
         self.file, self.place, self.line = file, place, line
@@ -141,7 +154,9 @@ def read_name(mapping: Section, folder: Path) -> str:
     if isinstance(value, (Lines, list)):
         raise mapping.error("name", f"name must be text, not {shown(value)}")
     name = folder.resolve().name if value is None else str(value)
-    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # a folder may have any bytes for its name
+    return name.encode("utf-8", "surrogateescape").decode(
+        "utf-8", "replace"
+    )  # a folder may have any bytes for its name
 
 
 def read_topics(mapping: Section) -> dict[str, str | None]:

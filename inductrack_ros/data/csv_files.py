@@ -69,7 +69,8 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
 
 
 def _body(file: Path, data: bytes, layout: Layout, notes: list[str]) -> bytes:
-    """The rows from the first of data on, each with the same number of cells, unquoted; rows that hold nothing are empty."""
+    """The rows from the first of data on, each with the same number of cells, unquoted; rows that hold nothing are
+    empty."""
     body, separator = data[layout.start :], layout.separator.encode()
     if again := len(re.findall(layout.header, body)):
         body = re.sub(layout.header, b"", body)  # a logger that was started again writes its header again
@@ -89,7 +90,8 @@ def _body(file: Path, data: bytes, layout: Layout, notes: list[str]) -> bytes:
 
 
 def _without_blanks(body: bytes, separator: bytes = b"") -> bytes:
-    """One blank for many, and none at the ends of rows and beside separators. Replacing is fast and takes little memory."""
+    """One blank for many, and none at the ends of rows and beside separators. Replacing is fast and takes little
+    memory."""
     while b"  " in body:
         body = body.replace(b"  ", b" ")
     for end in (b"\n", separator):
@@ -126,14 +128,22 @@ def _complete(file: Path, body: bytes, layout: Layout, separator: bytes, notes: 
     cells, used = before[1] - before[0] + 1, ends > starts
     wrong = np.flatnonzero(used & (cells != layout.cells))
     if len(wrong) and (cells[wrong] == layout.cells + 1).all() and (text[ends[wrong] - 1] == separator[0]).all():
-        return re.sub(rb"(?m)" + re.escape(separator) + rb"$", b"", body) if len(wrong) == used.sum() else _trimmed(body, wrong, starts, ends)
+        return (
+            re.sub(rb"(?m)" + re.escape(separator) + rb"$", b"", body)
+            if len(wrong) == used.sum()
+            else _trimmed(body, wrong, starts, ends)
+        )
     if not len(wrong):
         return body
     first, last = int(wrong[0]), int(np.flatnonzero(used)[-1])
     if first == last and cells[first] < layout.cells and used.sum() > 2:
         notes.append(f"the last row ({layout.first_row + first}) is cut off and left out")
         return body[: starts[first]]
-    hint = "; decimal commas need semicolons between the cells" if cells[first] >= 2 * layout.cells - 1 and separator == b"," else ""
+    hint = (
+        "; decimal commas need semicolons between the cells"
+        if cells[first] >= 2 * layout.cells - 1 and separator == b","
+        else ""
+    )
     counts = f"{cells[first]} cell{'' if cells[first] == 1 else 's'} where the header names {layout.cells}"
     raise InputError(f"{file}, row {layout.first_row + first}: {counts}{hint}; complete the row or delete it")
 
@@ -203,10 +213,22 @@ class _Table:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 return pd.read_csv(
-                    io.BytesIO(self.body), sep=separator, decimal=decimal, header=None, names=range(self.layout.cells), usecols=wanted,
-                    dtype=kinds, na_values=EMPTY, skip_blank_lines=True, quoting=csv.QUOTE_NONE, engine="c", index_col=False,
-                    skipinitialspace=True, encoding_errors="replace", **exact,
-                )  # fmt: skip
+                    io.BytesIO(self.body),
+                    sep=separator,
+                    decimal=decimal,
+                    header=None,
+                    names=range(self.layout.cells),
+                    usecols=wanted,
+                    dtype=kinds,
+                    na_values=EMPTY,
+                    skip_blank_lines=True,
+                    quoting=csv.QUOTE_NONE,
+                    engine="c",
+                    index_col=False,
+                    skipinitialspace=True,
+                    encoding_errors="replace",
+                    **exact,
+                )
         except (ValueError, pd.errors.ParserError, OverflowError) as error:
             self._name_the_cell([c for c in self.layout.columns if kinds[c.place] is float], decimal)
             raise InputError(f"{self.file}: cannot be read as a table ({' '.join(str(error).split())[:160]})") from None
@@ -235,7 +257,9 @@ class _Table:
 
     def _times(self, times: Array) -> Array:
         if np.isnan(times).any():
-            raise InputError(f"{self.file}, row {self.row(int(np.argmax(np.isnan(times))))}: no time; fill it in or delete the row")
+            raise InputError(
+                f"{self.file}, row {self.row(int(np.argmax(np.isnan(times))))}: no time; fill it in or delete the row"
+            )
         if np.isinf(times).any():
             raise self.error(int(np.argmax(np.isinf(times))), self.time, "infinite; correct it or leave it empty")
         return times * self.time.factor if self.time.factor != 1.0 else times
@@ -258,9 +282,15 @@ class _Table:
             i = int(times.isna().to_numpy().argmax())
             if not text.iloc[i]:
                 raise InputError(f"{self.file}, row {self.row(i)}: no time; fill it in or delete the row")
-            raise self.error(i, self.time, f"{shown(text.iloc[i])} is no time like {shown(first)}; correct it or delete the row")
+            raise self.error(
+                i, self.time, f"{shown(text.iloc[i])} is no time like {shown(first)}; correct it or delete the row"
+            )
         stamps = times.astype("int64").to_numpy()
-        past = np.concatenate([[0], np.cumsum(np.diff(stamps) < -DAY // 2)]) if re.match(r"\d+:", first) else np.zeros(1, int)
+        past = (
+            np.concatenate([[0], np.cumsum(np.diff(stamps) < -DAY // 2)])
+            if re.match(r"\d+:", first)
+            else np.zeros(1, int)
+        )
         if past[-1]:
             notes.append("the times of day pass midnight: 24 h added to the later ones")
         return stamps + past * DAY

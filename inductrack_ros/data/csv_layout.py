@@ -37,7 +37,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Layout:
-    """A table: separator, decimal sign, number of cells in a row, the columns that are read, and the row (from 1) where data begin."""
+    """A table: separator, decimal sign, number of cells in a row, the columns that are read, and the row (from 1) where
+    data begin."""
 
     separator: str
     decimal: str
@@ -93,7 +94,9 @@ def _header(file: Path, data: bytes, inputs: dict[str, str], notes: list[str]) -
     for row, text, end in _lines(data):
         if not text.strip():
             continue
-        if match := re.fullmatch(r'"?sep=(.)"?', text.strip(), re.IGNORECASE) or re.fullmatch(r'"?sep=(\t)"?', text, re.IGNORECASE):
+        if match := re.fullmatch(r'"?sep=(.)"?', text.strip(), re.IGNORECASE) or re.fullmatch(
+            r'"?sep=(\t)"?', text, re.IGNORECASE
+        ):
             stated = match[1]
             continue
         if COMMENT.match(text):
@@ -110,7 +113,9 @@ def _header(file: Path, data: bytes, inputs: dict[str, str], notes: list[str]) -
             if all(number(cell) is not None for cell in names if cell):
                 if comment is not None and _says(split(comment[1], _separator(comment[1], inputs)), inputs) >= 2:
                     return comment[0], comment[1], stated or _separator(comment[1], inputs), comment[2]
-                raise InputError(f"{file}, row {row}: no header; the first row must name the columns, e.g. time,surge,heave")
+                raise InputError(
+                    f"{file}, row {row}: no header; the first row must name the columns, e.g. time,surge,heave"
+                )
         skipped += 1
     if first is None:
         raise InputError(f"{file}: no table; it needs a header with 'time' and channels, and at least 2 rows")
@@ -128,7 +133,8 @@ def _says(names: list[str], inputs: dict[str, str]) -> int:
 
 
 def _base(header: str) -> tuple[str, str]:
-    """Known name of a column and its unit, out of `heave [mm]`, `Time (ms)`, `roll/deg`, `surge_mm`; the text itself where not known."""
+    """Known name of a column and its unit, out of `heave [mm]`, `Time (ms)`, `roll/deg`, `surge_mm`; the text itself
+    where not known."""
     text = header.strip()
     name, unit = parts(text)
     if _plain(name) in SI:
@@ -176,7 +182,9 @@ def _units_row(data: bytes, row: int, start: int, separator: str) -> tuple[int, 
 # ---------------------------------------------------------------- the columns
 
 
-def _judge(file: Path, row: int, names: list[str], units: list[str], inputs: dict[str, str], notes: list[str]) -> tuple[Column, ...]:
+def _judge(
+    file: Path, row: int, names: list[str], units: list[str], inputs: dict[str, str], notes: list[str]
+) -> tuple[Column, ...]:
     """The columns that are read."""
     where, columns, left = f"{file}, row {row}", {}, []
     wanted = {text: name for name, text in inputs.items()}
@@ -197,14 +205,20 @@ def _judge(file: Path, row: int, names: list[str], units: list[str], inputs: dic
         else:
             columns[name] = Column(place, name, header, _factor(where, name, unit), unit)
     for text in wanted:
-        raise InputError(f"{where}: no column {shown(text)}, which inputs: in campaign.yaml asks for{did_you_mean(text, names)}")
+        raise InputError(
+            f"{where}: no column {shown(text)}, which inputs: in campaign.yaml asks for{did_you_mean(text, names)}"
+        )
     _typing_errors(where, [h for _, h in left], columns)
     if TIME not in columns:
         blanks = "; columns must be separated by commas, semicolons, tabs or blanks" if len(names) == 1 else ""
         raise InputError(f"{where}: column '{TIME}' is missing; add the time of each row in seconds{blanks}")
     if len(columns) == 1:
         raise InputError(f"{where}: no channel beside '{TIME}'; add at least one of {', '.join(CHANNELS)}")
-    said = [shown(header) if header else f"the nameless one ({place + 1})" for place, header in left if header or place < len(names) - 1]
+    said = [
+        shown(header) if header else f"the nameless one ({place + 1})"
+        for place, header in left
+        if header or place < len(names) - 1
+    ]
     if said:
         more = f" and {len(said) - 6} more" if len(said) > 6 else ""
         notes.append(f"column{'' if len(said) == 1 else 's'} left out: {', '.join(said[:6])}{more}")
@@ -218,7 +232,9 @@ def _factor(where: str, name: str, unit: str) -> float:
         return 1.0
     value = factor(unit, SI[name])
     if value is None:
-        raise InputError(f"{where}: column '{name}' is in {shown(unit)}, which is no unit known for it; convert it to {SI[name]}")
+        raise InputError(
+            f"{where}: column '{name}' is in {shown(unit)}, which is no unit known for it; convert it to {SI[name]}"
+        )
     return value
 
 

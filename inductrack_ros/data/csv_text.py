@@ -50,7 +50,10 @@ def read_text(file: Path, notes: list[str]) -> bytes:
     if not data.strip():
         raise InputError(f"{file}: empty; it needs a header that names the columns, and rows of numbers")
     if b"\0" in data:
-        raise InputError(f"{file}, row {_row(data, data.index(0))}: a NUL character, which no text holds; copy or export the file again")
+        raise InputError(
+            f"{file}, row {_row(data, data.index(0))}: a NUL character, which no text holds; copy or export the file"
+            " again"
+        )
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data if data.endswith(b"\n") else data + b"\n"
@@ -78,7 +81,9 @@ def _recoded(file: Path, data: bytes, encoding: str) -> bytes:
     except UnicodeError as error:
         start = getattr(error, "start", len(data))
         row = data[:start].decode(encoding, errors="ignore").count("\n") + 1
-        raise InputError(f"{file}, row {row}: not {encoding.upper()} text, as its first bytes say; save it with UTF-8 encoding") from None
+        raise InputError(
+            f"{file}, row {row}: not {encoding.upper()} text, as its first bytes say; save it with UTF-8 encoding"
+        ) from None
 
 
 def _row(data: bytes, at: int) -> int:

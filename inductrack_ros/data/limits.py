@@ -16,7 +16,8 @@ EXAMPLE = "limits: {surge_rate: [9, 30], drive_current: [0, 7000]}"
 
 @dataclass(frozen=True)
 class Limits:
-    """Least and most that each state, or ``drive_current``, may be in a run, SI; and whether a run may touch the track."""
+    """Least and most that each state, or ``drive_current``, may be in a run, SI; and whether a run may touch the
+    track."""
 
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     contact: bool = True
@@ -43,9 +44,15 @@ def read_limits(mapping: Section) -> Limits:
 
 def _range(section: Section, name: str) -> tuple[float, float]:
     pair = section.get(name)
-    numbers = isinstance(pair, list) and len(pair) == 2 and all(isinstance(v, (int, float)) and not isinstance(v, bool) and np.isfinite(v) for v in pair)
+    numbers = (
+        isinstance(pair, list)
+        and len(pair) == 2
+        and all(isinstance(v, (int, float)) and not isinstance(v, bool) and np.isfinite(v) for v in pair)
+    )
     if not numbers or not pair[0] < pair[1]:
-        raise section.error(name, f"{name} must be [least, most], two numbers that rise, not {shown(pair)}; e.g. {EXAMPLE}")
+        raise section.error(
+            name, f"{name} must be [least, most], two numbers that rise, not {shown(pair)}; e.g. {EXAMPLE}"
+        )
     if name == "drive_current":
         for value in pair:
             PARAMETERS[name].check(name, value, f"{section.file}, line {section.line_of(name)}: {section.place}")

@@ -1,7 +1,7 @@
 """What is whole in an MCAP file whose end is missing (https://mcap.dev/spec): a recorder that was killed, a full disk.
 
-Such a file has no index, so its records are read one after the other up to the first that is cut, also within the last chunk.
-"""
+Such a file has no index, so its records are read one after the other up to the first that is cut, also within the last
+chunk."""
 
 from __future__ import annotations
 

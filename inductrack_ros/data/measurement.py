@@ -26,9 +26,11 @@ class Run:
     stamps: (n,) time as the file has it: float seconds (CSV) or whole nanoseconds (bag: a float would lose 0.2 µs)
     drive_current: A; 0 is coasting
     initial_state: what is known of the state at time 0, by name; the rest is to be estimated
-    pulses: the drive, where the bag holds the pulses that were fired, by time on the run's clock; None: `drive_current`, averaged
+    pulses: the drive, where the bag holds the pulses that were fired, by time on the run's clock; None:
+        `drive_current`, averaged
     seconds_stated: whether the file itself says that its time is in seconds: a bag, or a unit in a CSV's header
-    inputs: what else was measured in time, by the name a model or an effect calls it: times (m,) s on the run's clock, values (m,)
+    inputs: what else was measured in time, by the name a model or an effect calls it: times (m,) s on the run's clock,
+        values (m,)
     conditions: numbers of this run: one with a model parameter's name takes its place, others are there for effects
     notes: what was converted, sorted or left out while reading, one line each, without the file's name
     """

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from .measurement import Array
 
-#: Samples filed this much (s) out of order are sorted; a clock that goes back further was set back, or there are two runs.
+#: Samples filed this much (s) out of order are sorted; a clock that goes back further was set back, or there are two
+#: runs.
 OUT_OF_ORDER = 0.5
 #: Stamps of 0 this long (s) before all others were given before the clock ran.
 BEFORE_THE_CLOCK = 10.0
@@ -19,7 +20,8 @@ BEFORE_THE_CLOCK = 10.0
 
 @dataclass(frozen=True)
 class Place:
-    """How samples are named: ``where`` is the file and topic, ``name(i)`` one of them, say "row 7", ``kind`` what they are, say "row"."""
+    """How samples are named: ``where`` is the file and topic, ``name(i)`` one of them, say "row 7", ``kind`` what they
+    are, say "row"."""
 
     where: str
     name: Callable[[int], str]
@@ -31,8 +33,11 @@ class Place:
         return f"{count} {self.kind}{'' if count == 1 else 's'}{self.about}"
 
 
-def in_order(stamps: Array | NDArray[np.int64], columns: Sequence[Array], place: Place) -> tuple[NDArray[np.intp] | None, list[str]]:
-    """Indices that put samples in the order of their stamps, each once, or None where they stand so; and what is to be said of it.
+def in_order(
+    stamps: Array | NDArray[np.int64], columns: Sequence[Array], place: Place
+) -> tuple[NDArray[np.intp] | None, list[str]]:
+    """Indices that put samples in the order of their stamps, each once, or None where they stand so; and what is to be
+    said of it.
 
     stamps: (n,) s, or whole ns; columns: (n,) each. Left out are stamps of 0 before the clock ran, and exact repeats.
     Raises InputError for a clock that goes back and for two different samples at one time.
@@ -64,7 +69,8 @@ def in_order(stamps: Array | NDArray[np.int64], columns: Sequence[Array], place:
         if not equal.all():
             i = int(np.argmin(equal))
             raise InputError(
-                f"{place.where}: {place.name(int(later[i]))} repeats the stamp of {place.name(int(earlier[i]))} with other values; {place.remedy}"
+                f"{place.where}: {place.name(int(later[i]))} repeats the stamp of {place.name(int(earlier[i]))} with"
+                f" other values; {place.remedy}"
             )
         index = np.delete(index, same + 1)
         notes.append(f"{place.counted(len(same))} that repeat{'s' if len(same) == 1 else ''} another exactly left out")
@@ -72,7 +78,8 @@ def in_order(stamps: Array | NDArray[np.int64], columns: Sequence[Array], place:
 
 
 def _before_the_clock(others: Array | NDArray[np.int64], second: float) -> bool:
-    """Whether a stamp of 0 lies so far before the ``others`` that it is none: further than their own steps make plausible."""
+    """Whether a stamp of 0 lies so far before the ``others`` that it is none: further than their own steps make
+    plausible."""
     if not len(others) or others.min() <= BEFORE_THE_CLOCK * second:
         return False
     return len(others) == 1 or others.min() > 100.0 * np.median(np.abs(np.diff(others)))

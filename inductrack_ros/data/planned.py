@@ -31,7 +31,8 @@ class PlannedRun:
 
 @dataclass(frozen=True)
 class PlannedCampaign:
-    """The runs of ``campaign.yaml``, the rig's parameter file if it names one, and what is to be said of how they were read."""
+    """The runs of ``campaign.yaml``, the rig's parameter file if it names one, and what is to be said of how they were
+    read."""
 
     name: str
     folder: Path
@@ -41,7 +42,8 @@ class PlannedCampaign:
 
 
 def planned_runs(folder: str | Path) -> PlannedCampaign:
-    """The runs of a campaign's folder. Where all are measured, what the file does not say of a start is read off the data.
+    """The runs of a campaign's folder. Where all are measured, what the file does not say of a start is read off the
+    data.
 
     Raises `InputError` naming file, line and remedy.
     """
@@ -52,13 +54,22 @@ def planned_runs(folder: str | Path) -> PlannedCampaign:
     mapping = Section(file, "", read_yaml(file, aliases=True), KEYS)
     entries = mapping.get("runs")
     if not isinstance(entries, list) or not entries:
-        raise mapping.error("runs", f"runs must list at least one run, e.g. - {{file: run_00.csv, drive_current: 7000.0}}, not {shown(entries)}")
+        raise mapping.error(
+            "runs",
+            "runs must list at least one run, e.g. - {file: run_00.csv, drive_current: 7000.0}, not"
+            f" {shown(entries)}",
+        )
     line = mapping.line_of("runs")
-    sections = [Section(file, f"runs[{i}]", e, RUN_KEYS, min(e.lines.values(), default=line) if isinstance(e, Lines) else line) for i, e in enumerate(entries)]
+    sections = [
+        Section(file, f"runs[{i}]", e, RUN_KEYS, min(e.lines.values(), default=line) if isinstance(e, Lines) else line)
+        for i, e in enumerate(entries)
+    ]
     name, model = read_name(mapping, file.parent), read_model(mapping, file.parent)
     if all(exists(file.parent / s.text("file")) for s in sections):
         campaign = load_campaign(folder)
-        runs = tuple(PlannedRun(r.name, _measured_start(r) | _told(s)) for r, s in zip(campaign.runs, sections, strict=True))
+        runs = tuple(
+            PlannedRun(r.name, _measured_start(r) | _told(s)) for r, s in zip(campaign.runs, sections, strict=True)
+        )
         return PlannedCampaign(name, file.parent, runs, model, campaign.notes)
     runs = tuple(PlannedRun(Path(s.text("file")).stem, _told(s)) for s in sections)
     return PlannedCampaign(name, file.parent, runs, model)
@@ -73,8 +84,11 @@ def _told(section: Section) -> dict[str, float]:
 
 
 def _measured_start(run: Run) -> dict[str, float]:
-    """The states that a run's first samples show, its speed by the slope of its travel where that alone is measured, and its current."""
-    states = {c: float(np.median(run.samples(c)[1][:FIRST])) for c in run.channels if c in STATES and run.samples(c)[1].size}
+    """The states that a run's first samples show, its speed by the slope of its travel where that alone is measured,
+    and its current."""
+    states = {
+        c: float(np.median(run.samples(c)[1][:FIRST])) for c in run.channels if c in STATES and run.samples(c)[1].size
+    }
     if "surge" in states and "surge_rate" not in states:
         times, travel = run.samples("surge")
         soon = times <= times[0] + SLOPE

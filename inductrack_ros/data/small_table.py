@@ -11,14 +11,20 @@ from .csv_text import read_text
 from .units import factor
 
 
-def read_small_table(file: str | Path, units: Mapping[str, str]) -> tuple[tuple[str, ...], list[tuple[int, list[float]]], tuple[str, ...]]:
+def read_small_table(
+    file: str | Path, units: Mapping[str, str]
+) -> tuple[tuple[str, ...], list[tuple[int, list[float]]], tuple[str, ...]]:
     """Names of the columns, rows (number as an editor shows it, values in ``units``), and notes of what was converted.
 
     ``units``: SI unit of each column that may stand there. Raises InputError naming file, row and column.
     """
     file, notes = Path(file), []
-    lines = [(i, line) for i, line in enumerate(read_text(file, notes).decode().splitlines(), 1) if line.strip(" \t,;|")]
-    lines = [(i, line) for i, line in lines if not COMMENT.match(line) and not line.lower().lstrip('"').startswith("sep=")]
+    lines = [
+        (i, line) for i, line in enumerate(read_text(file, notes).decode().splitlines(), 1) if line.strip(" \t,;|")
+    ]
+    lines = [
+        (i, line) for i, line in lines if not COMMENT.match(line) and not line.lower().lstrip('"').startswith("sep=")
+    ]
     if not lines:
         raise InputError(f"{file}: no table; it needs a header with {', '.join(units)}")
     row, head = lines[0]
@@ -32,7 +38,10 @@ def read_small_table(file: str | Path, units: Mapping[str, str]) -> tuple[tuple[
             raise InputError(f"{file}, row {row}: unknown column {shown(header)}{did_you_mean(name, units)}")
         scale = factor(unit, units[name]) if unit else 1.0
         if scale is None:
-            raise InputError(f"{file}, row {row}: column '{name}' is in {shown(unit)}, which is no unit known for it; convert it to {units[name]}")
+            raise InputError(
+                f"{file}, row {row}: column '{name}' is in {shown(unit)}, which is no unit known for it; convert it to"
+                f" {units[name]}"
+            )
         names.append(name)
         factors.append(scale)
         if scale != 1.0:
@@ -42,7 +51,10 @@ def read_small_table(file: str | Path, units: Mapping[str, str]) -> tuple[tuple[
         cells = split(line, separator)
         cells = cells[:-1] if len(cells) == len(names) + 1 and not cells[-1] else cells
         if len(cells) != len(names):
-            raise InputError(f"{file}, row {i}: {len(cells)} cells where the header names {len(names)}; complete the row or delete it")
+            raise InputError(
+                f"{file}, row {i}: {len(cells)} cells where the header names {len(names)}; complete the row or"
+                " delete it"
+            )
         values = [number(cell, decimal) for cell in cells]
         for name, cell, value in zip(names, cells, values, strict=True):
             if value is None:

@@ -8,8 +8,17 @@ import re
 from ..core.state import CHANNELS, UNITS
 
 _PREFIXES = {"": 1.0, "k": 1e3, "d": 1e-1, "c": 1e-2, "m": 1e-3, "µ": 1e-6, "u": 1e-6, "n": 1e-9}
-_LENGTHS = {f"{p}m": f for p, f in _PREFIXES.items()} | {"in": 0.0254, "inch": 0.0254, "ft": 0.3048, "meter": 1.0, "metre": 1.0, "micron": 1e-6}
-_ANGLES = {f"{p}rad": _PREFIXES[p] for p in ("", "m", "µ", "u")} | dict.fromkeys(("deg", "°", "degree", "º"), math.pi / 180)
+_LENGTHS = {f"{p}m": f for p, f in _PREFIXES.items()} | {
+    "in": 0.0254,
+    "inch": 0.0254,
+    "ft": 0.3048,
+    "meter": 1.0,
+    "metre": 1.0,
+    "micron": 1e-6,
+}
+_ANGLES = {f"{p}rad": _PREFIXES[p] for p in ("", "m", "µ", "u")} | dict.fromkeys(
+    ("deg", "°", "degree", "º"), math.pi / 180
+)
 _TIMES = {f"{p}s": _PREFIXES[p] for p in ("", "m", "µ", "u", "n")}
 _TIMES |= dict.fromkeys(("sec", "second"), 1.0) | {"msec": 1e-3, "usec": 1e-6, "nsec": 1e-9, "min": 60.0, "h": 3600.0}
 _CURRENTS = {f"{p}A": _PREFIXES[p] for p in ("", "k", "m")}
@@ -24,7 +33,8 @@ SI = {"time": "s", "drive_current": "A"} | {c: UNITS[c] for c in CHANNELS}
 
 
 def factor(unit: str, si: str) -> float | None:
-    """What a number in ``unit`` is multiplied with to be in ``si`` (m, rad, s, A, m/s, rad/s, m/s²); None for a unit of something else."""
+    """What a number in ``unit`` is multiplied with to be in ``si`` (m, rad, s, A, m/s, rad/s, m/s²); None for a unit of
+    something else."""
     unit = unit.strip().replace("μ", "µ")  # the Greek letter and the sign
     for spelling in (unit, unit.lower()):
         value = _factor(spelling, si)

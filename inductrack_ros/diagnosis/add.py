@@ -33,13 +33,13 @@ def add_effect(
     tell: Callable[[str], None] = lambda _: None,
     hear: Callable[[tuple[Finding, ...]], None] = lambda _: None,
 ) -> Diagnosis:
-    """The diagnosis that ``name`` and nothing else is missing; its one chosen rival says what the effect takes off the deviance.
+    """The diagnosis that ``name`` and nothing else is missing; its one chosen rival says what the effect takes off the
+    deviance.
 
     ``verdict`` is ``unknown_effect`` where more than noise is left, else ``missing_effect``, or ``adequate`` where the
-    effect gains no more than chance would. ``hear`` is told what a look at the data finds. Raises `InputError` for data that cannot
-    be meant as they are written, and for an effect that is not known, is in the model already, or is a fault of a sensor that no
-    run has.
-    """
+    effect gains no more than chance would. ``hear`` is told what a look at the data finds. Raises `InputError` for data
+    that cannot be meant as they are written, and for an effect that is not known, is in the model already, or is a
+    fault of a sensor that no run has."""
     began = time.monotonic()
     campaign, seen = admit(campaign, model)
     hear(seen)
@@ -76,11 +76,14 @@ def _as_it_is(state: State, name: str, parameters: int) -> CandidateSet:
     """An effect that no search asks for, from where its parameters start."""
     f = state.fit
     beside = Background(f.power, f.processes)
-    return CandidateSet((Candidate(name, name, {}, parameters),), f.deviance, f.deviance, {name: np.zeros(parameters)}, beside)
+    return CandidateSet(
+        (Candidate(name, name, {}, parameters),), f.deviance, f.deviance, {name: np.zeros(parameters)}, beside
+    )
 
 
 def _something_left(task: Task, state: State) -> bool:
-    """Whether another known effect, or a force of any shape, explains more than chance would; the last round is the screening beside it."""
+    """Whether another known effect, or a force of any shape, explains more than chance would; the last round is the
+    screening beside it."""
     found, systems = state.rounds[-1][1], linearise_all(task.problem, state.fit)
     law = next(iter(laws(task.problem, state.fit, systems, shaken(task, state, systems))), None)
     return bool(found.sets) and found.sets[0].cost < found.scores.plain or law is not None and law.gain > law_price()

@@ -1,4 +1,5 @@
-"""From where the search ended to what a `Diagnosis` says: rivals, limits, what is unknown, and the model of each set of effects."""
+"""From where the search ended to what a `Diagnosis` says: rivals, limits, what is unknown, and the model of each set of
+effects."""
 
 from __future__ import annotations
 
@@ -48,9 +49,13 @@ def settled_base(task: Task, state: State, base: Fit) -> Fit:
     if not state.added:
         return state.fit
     if base.processes != state.fit.processes:
-        processes = tuple(p for p in base.processes if p.kind == IMPACT) + tuple(p for p in state.fit.processes if p.kind != IMPACT)
+        processes = tuple(p for p in base.processes if p.kind == IMPACT) + tuple(
+            p for p in state.fit.processes if p.kind != IMPACT
+        )
         base = fit(task.problem, base.structure, replace(base.point, processes=processes), REFIT_STEPS)
-    return exactly(task.problem, base.structure, base.point, REFIT_STEPS) if state.fit.exact and not base.exact else base
+    return (
+        exactly(task.problem, base.structure, base.point, REFIT_STEPS) if state.fit.exact and not base.exact else base
+    )
 
 
 def rivals_of(state: State, where: Mapping[str, Mapping[str, Mapping[str, float]]]) -> tuple[Rival, ...]:
@@ -69,15 +74,38 @@ def rivals_of(state: State, where: Mapping[str, Mapping[str, Mapping[str, float]
             f = state.fit if chosen else state.rival_fits.get(member.name) if after == state.added else None
             own = {n: v for n, v in f.values.items() if n.startswith(f"{member.name}.") and "[" not in n} if f else {}
             share = f"explains {100 * max(fall, 0.0) / max(best, 1e-9):.0f} % of what the best would"
-            words = "chosen" if chosen else "refitted: the data cannot tell it from the chosen" if f else f"not refitted: to first order it {share}"
+            words = (
+                "chosen"
+                if chosen
+                else (
+                    "refitted: the data cannot tell it from the chosen"
+                    if f
+                    else f"not refitted: to first order it {share}"
+                )
+            )
             std = {n: f.deviations[n] for n in own} if f else {}
             at = where.get(member.name, {}) if chosen else {}
-            found.append(Rival(member.name, beside, fall, member.price(screening.family), own, std, None, chosen, words, at, f is not None))
+            found.append(
+                Rival(
+                    member.name,
+                    beside,
+                    fall,
+                    member.price(screening.family),
+                    own,
+                    std,
+                    None,
+                    chosen,
+                    words,
+                    at,
+                    f is not None,
+                )
+            )
     return tuple(found)
 
 
 def limits_of(state: State, screening: Screening) -> tuple[Limit, ...]:
-    """The smallest size of each effect with a size of its own that would have been found in `POWER` of such campaigns."""
+    """The smallest size of each effect with a size of its own that would have been found in `POWER` of such
+    campaigns."""
     structure, found = state.fit.structure, []
     for label, candidate in screening.candidates.items():
         e = screening.scores.expected([label])
@@ -102,12 +130,15 @@ def limits_of(state: State, screening: Screening) -> tuple[Limit, ...]:
 
 
 def tests_of(screening: Screening) -> tuple[tuple[Test, ...], float]:
-    """The score tests of all candidates beside the answer, most telling first, and the p-value of the first, all counted."""
+    """The score tests of all candidates beside the answer, most telling first, and the p-value of the first, all
+    counted."""
     tests = []
     for label in screening.candidates:
         e = screening.scores.expected([label])
         fall, dof = screening.scores.plain - e.deviance, max(e.size.size, 1)
-        tests.append(Test(f"score of {label}", float(max(fall, 0.0)), dof, float(stats.chi2.logsf(max(fall, 0.0), dof))))
+        tests.append(
+            Test(f"score of {label}", float(max(fall, 0.0)), dof, float(stats.chi2.logsf(max(fall, 0.0), dof)))
+        )
     tests.sort(key=lambda t: t.log_p)
     p = min(1.0, len(tests) * float(np.exp(tests[0].log_p))) if tests else 1.0
     return tuple(tests[:LISTED]), p
@@ -133,10 +164,13 @@ def curve_of(f: Fit, name: str) -> Unknown:
 
 
 def sigma_found(task: Task, state: State, rounded: Mapping[str, float]) -> np.ndarray:
-    """Noise by channel (c,) as the answer has it: white and coloured together; that of rounded readings is their rounding."""
+    """Noise by channel (c,) as the answer has it: white and coloured together; that of rounded readings is their
+    rounding."""
     sigma = task.problem.sigma.copy()
     for c, channel in enumerate(task.problem.channels):
-        parts = [p.size for p in state.fit.processes if p.on == channel and p.kind in (background.WHITE, background.COLOURED)]
+        parts = [
+            p.size for p in state.fit.processes if p.on == channel and p.kind in (background.WHITE, background.COLOURED)
+        ]
         if parts:
             sigma[c] *= float(np.sqrt(np.sum(np.square(parts)) + (0.0 if _is_white(state, channel) else 1.0)))
         if channel in rounded:

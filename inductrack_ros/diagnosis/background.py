@@ -1,8 +1,7 @@
 """What the log and the rig do besides: processes that are tried, kept where they pay, and told as findings.
 
-A process stands beside the physics and competes with it: it stays only while the deviance without it, whatever physics was added
-since, is higher than chance would make it.
-"""
+A process stands beside the physics and competes with it: it stays only while the deviance without it, whatever physics
+was added since, is higher than chance would make it."""
 
 from __future__ import annotations
 
@@ -52,9 +51,9 @@ TIME_STEP, TURN_STEP, LONGEST_STEP = 0.3, 0.1, 3.0
 def noise_of_rounding(hints: Sequence[Finding]) -> dict[str, float]:
     """Noise to be reckoned with in channels whose readings are rounded: `ALIKE` times the variance of a rounding error.
 
-    Rounding errors of neighbouring readings are alike where the coordinate moves by nearly a whole number of steps between them, so
-    several tell little more than one. A likelihood of intervals in place of a Gaussian would make this needless.
-    """
+    Rounding errors of neighbouring readings are alike where the coordinate moves by nearly a whole number of steps
+    between them, so several tell little more than one. A likelihood of intervals in place of a Gaussian would make this
+    needless."""
     return {h.channel: float(np.sqrt(ALIKE / 12.0) * h.size["step"]) for h in hints if h.kind == ROUNDED}
 
 
@@ -67,25 +66,34 @@ class Tried:
 
 
 def processes_at_first(problem: Problem, given: Sequence[str], hints: Sequence[Finding] = ()) -> tuple[Process, ...]:
-    """Those of every fit: contact is never exact, noise that is not ``given`` has to be found, and rounding is not noise alone."""
-    rounded = tuple(Process(ROUNDED, h.channel, 1.0, h.size["step"]) for h in hints if h.kind == ROUNDED and h.channel in problem.channels)
+    """Those of every fit: contact is never exact, noise that is not ``given`` has to be found, and rounding is not
+    noise alone."""
+    rounded = tuple(
+        Process(ROUNDED, h.channel, 1.0, h.size["step"])
+        for h in hints
+        if h.kind == ROUNDED and h.channel in problem.channels
+    )
     touch = (Process(IMPACT, size=LOOSE),) if problem.model.parameters["contact_stiffness"] else ()
     return touch + rounded + tuple(Process(WHITE, c) for c in problem.channels if c not in given)
 
 
 def optional(p: Process, given: Sequence[str]) -> bool:
-    """Whether a process has to pay for itself; it does not where it is held, or is noise that is not ``given`` and has to be found."""
+    """Whether a process has to pay for itself; it does not where it is held, or is noise that is not ``given`` and has
+    to be found."""
     return p.kind not in HELD and not (p.kind == WHITE and p.on not in given)
 
 
 def price(problem: Problem, given: Sequence[str], processes: Sequence[Process]) -> float:
-    """Fall of the deviance that chance reaches with these processes in `LEVEL` of campaigns, all that are tried counted."""
+    """Fall of the deviance that chance reaches with these processes in `LEVEL` of campaigns, all that are tried
+    counted."""
     family = len(problem.channels) * (FREEDOM[COLOURED] + FREEDOM[HUM] + FREEDOM[WHITE]) + 3
     paid = [p for p in processes if optional(p, given)]
     return sum(float(stats.chi2.isf(LEVEL / family, FREEDOM[p.kind])) for p in paid)
 
 
-def improved(problem: Problem, f: Fit, given: Sequence[str], hints: Sequence[Finding], tell: Callable[[str], None]) -> Fit:
+def improved(
+    problem: Problem, f: Fit, given: Sequence[str], hints: Sequence[Finding], tell: Callable[[str], None]
+) -> Fit:
     """A fit with all processes that pay, and without those that do not."""
     while True:
         plain = linearise_all(problem, f)
@@ -101,7 +109,9 @@ def improved(problem: Problem, f: Fit, given: Sequence[str], hints: Sequence[Fin
         had = {(p.kind, p.on) for p in f.processes}
         if new.deviance + price(problem, given, new.processes) > here or {(p.kind, p.on) for p in new.processes} == had:
             return f
-        tell("beside the model: " + ", ".join(f"{p.kind} {p.on}".strip() for p in new.processes if p not in f.processes))
+        tell(
+            "beside the model: " + ", ".join(f"{p.kind} {p.on}".strip() for p in new.processes if p not in f.processes)
+        )
         f = new
 
 
@@ -119,7 +129,9 @@ def remembering(problem: Problem, f: Fit, plain: Sequence[LinearRun]) -> set[str
     return found
 
 
-def families(problem: Problem, f: Fit, plain: Sequence[LinearRun], hints: Sequence[Finding]) -> list[tuple[Process, ...]]:
+def families(
+    problem: Problem, f: Fit, plain: Sequence[LinearRun], hints: Sequence[Finding]
+) -> list[tuple[Process, ...]]:
     """Processes that could be there besides: those of one kind together, for they mostly come together."""
     have = {(p.kind, p.on) for p in f.processes}
     spacing = float(np.median(np.concatenate([np.diff(np.unique(d.time)) for d in problem.runs])))
@@ -128,17 +140,26 @@ def families(problem: Problem, f: Fit, plain: Sequence[LinearRun], hints: Sequen
     rounded = {h.channel for h in hints if h.kind == ROUNDED}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
     suspects = remembering(problem, f, plain) | set(memory)
-    coloured = tuple(Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing)) for c in problem.channels if c in suspects and (COLOURED, c) not in have)
+    coloured = tuple(
+        Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing))
+        for c in problem.channels
+        if c in suspects and (COLOURED, c) not in have
+    )
     jitter = (Process(JITTER, size=0.1 * spacing, most=MOST_JITTER * spacing),) if (JITTER, "") not in have else ()
     hum = tuple(Process(HUM, c, 1.0, t) for c, t in hums.items() if c in problem.channels and (HUM, c) not in have)
-    free = [n for n in f.structure.free if "." not in n and (RUN_TO_RUN, n) not in have] if len(problem.runs) >= FEWEST_RUNS else []
+    free = (
+        [n for n in f.structure.free if "." not in n and (RUN_TO_RUN, n) not in have]
+        if len(problem.runs) >= FEWEST_RUNS
+        else []
+    )
     own = tuple(p for p in white if p.on in suspects)
     found = [white, coloured + own if coloured else (), jitter, hum, *((Process(RUN_TO_RUN, n, 0.05),) for n in free)]
     return [one for one in found if one]
 
 
 def backgrounds(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[LinearRun]) -> list[Background]:
-    """The fit's own background, and that without each kind of its processes, settled: physics may do what they seem to."""
+    """The fit's own background, and that without each kind of its processes, settled: physics may do what they seem
+    to."""
     found = [Background(f.power, f.processes, price(problem, given, f.processes))]
     for kind in dict.fromkeys(p.kind for p in f.processes if optional(p, given)):
         fewer = tuple(p for p in f.processes if p.kind != kind)
@@ -147,10 +168,15 @@ def backgrounds(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[
     return found
 
 
-def _tried(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], processes: Sequence[Process]) -> Tried:
+def _tried(
+    problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], processes: Sequence[Process]
+) -> Tried:
     """Processes settled, the better of `STARTS`; those of which nothing is left are dropped."""
     starts = STARTS if processes[-1].kind == RUN_TO_RUN else STARTS[:1]
-    settled = [settle(problem, f.structure, plain, Point(f.theta, f.paths, share * f.power, tuple(processes)), PASSES) for share in starts]
+    settled = [
+        settle(problem, f.structure, plain, Point(f.theta, f.paths, share * f.power, tuple(processes)), PASSES)
+        for share in starts
+    ]
     best = min(settled, key=lambda s: s.evidence.deviance)
     best = replace(best, processes=tuple(p for p in best.processes if not p.gone or p.kind == WHITE))
     return Tried(best, best.evidence.deviance + price(problem, given, best.processes))
@@ -173,14 +199,19 @@ def lean(problem: Problem, f: Fit, given: Sequence[str]) -> Fit:
     """A fit without the processes that no longer pay."""
     plain = linearise_all(problem, f)
     here = settle(problem, f.structure, plain, f.point, 1)
-    best = _lean(problem, replace(f, processes=()), plain, given, Tried(here, f.deviance + price(problem, given, f.processes)))
+    best = _lean(
+        problem, replace(f, processes=()), plain, given, Tried(here, f.deviance + price(problem, given, f.processes))
+    )
     if len(best.settled.processes) == len(f.processes):
         return f
-    return fit(problem, f.structure, replace(f.point, power=best.settled.power, processes=best.settled.processes), REFIT_STEPS)
+    return fit(
+        problem, f.structure, replace(f.point, power=best.settled.power, processes=best.settled.processes), REFIT_STEPS
+    )
 
 
 def timed(problem: Problem, f: Fit) -> Fit:
-    """A fit with the times of its coloured noise and the frequency of its hum where the deviance is least, by parabolas."""
+    """A fit with the times of its coloured noise and the frequency of its hum where the deviance is least, by
+    parabolas."""
     plain = linearise_all(problem, f)
     processes = f.processes
     longest = problem.length
@@ -193,7 +224,9 @@ def timed(problem: Problem, f: Fit) -> Fit:
         step = TIME_STEP if kind == COLOURED else TURN_STEP * period / longest
 
         def moved(by: float, kind=kind, on=on, processes=processes) -> tuple[Process, ...]:
-            return tuple(replace(p, time=p.time * np.exp(by)) if p.kind == kind and p.on in on else p for p in processes)
+            return tuple(
+                replace(p, time=p.time * np.exp(by)) if p.kind == kind and p.on in on else p for p in processes
+            )
 
         low, here, high = (_deviance(problem, f, plain, moved(by)) for by in (-step, 0.0, step))
         bend = low - 2 * here + high

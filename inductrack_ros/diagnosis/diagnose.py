@@ -43,10 +43,9 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose a campaign against a model, whose effects (if any) are kept and refitted.
 
-    ``tell`` hears what is being tried, ``hear`` what a look at the data finds; ``workers`` do the refits; after ``budget`` (s) the best
-    answer so far is given. Raises `InputError` for data that cannot be meant as they are written, and for a campaign that cannot be
-    fitted at all.
-    """
+    ``tell`` hears what is being tried, ``hear`` what a look at the data finds; ``workers`` do the refits; after
+    ``budget`` (s) the best answer so far is given. Raises `InputError` for data that cannot be meant as they are
+    written, and for a campaign that cannot be fitted at all."""
     began = time.monotonic()
     campaign, seen = admit(campaign, model)
     hear(seen)
@@ -64,11 +63,19 @@ def diagnose(
     return diagnosis_of(campaign, task, state, base, undetermined, notes, began)
 
 
-def diagnosis_of(campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float) -> Diagnosis:
+def diagnosis_of(
+    campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float
+) -> Diagnosis:
     """The diagnosis that the end of a search is."""
     problem, f = task.problem, state.fit
     effects = tuple(n for n in state.added if not n.startswith("stand_in"))
-    verdict = "unknown_effect" if state.stands_in or state.stopped or state.far else "missing_effect" if effects else "adequate"
+    verdict = (
+        "unknown_effect"
+        if state.stands_in or state.stopped or state.far
+        else "missing_effect"
+        if effects
+        else "adequate"
+    )
     unknown, screening = answer.unknown_of(state), answer.last_screening(task, state)
     sigma = answer.sigma_found(task, state, background.noise_of_rounding(task.hints))
     task.tell("how well it predicts runs left out")
@@ -80,7 +87,9 @@ def diagnosis_of(campaign: Campaign, task: Task, state: State, base: Fit, undete
     experiment, proposal = None, None
     if state.twins or verdict == "unknown_effect":
         task.tell("which run would settle what is open")
-        experiment, proposal = propose(problem, task.workers.map, f, state.rival_fits, state.twins, unknown, undetermined)
+        experiment, proposal = propose(
+            problem, task.workers.map, f, state.rival_fits, state.twins, unknown, undetermined
+        )
     found = findings(task, state)
     if swallowing := hidden_by(found):
         notes.append(f"{swallowing} can hide effects too: what would have shown is listed with that reckoned in")
@@ -121,13 +130,21 @@ def diagnosis_of(campaign: Campaign, task: Task, state: State, base: Fit, undete
 def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> tuple[Problem, Fit, tuple[str, ...]]:
     """The problem with its noise, the fit of the model as it is, and the parameters that the data cannot determine."""
     problem = Problem(campaign, model, _noise(campaign, seen))
-    own = tuple(f"{e}.{p}" for e, values in model.effects.items() for p in values if p != "variable" and not e.startswith("stand_in"))
+    own = tuple(
+        f"{e}.{p}"
+        for e, values in model.effects.items()
+        for p in values
+        if p != "variable" and not e.startswith("stand_in")
+    )
     structure = Structure(problem.model, tuple(campaign.free) + own)
     structure.check()
     first = background.processes_at_first(problem, tuple(campaign.noise_std), seen)
     base = shooting.fit(problem, structure, None, FIRST_STEPS, first)
     if not np.isfinite(base.deviance):
-        raise InputError(f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and drive_current")
+        raise InputError(
+            f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and"
+            " drive_current"
+        )
     undetermined = _undetermined(base)
     if undetermined:
         kept = [k for k, n in enumerate(structure.free) if n not in undetermined]
@@ -137,7 +154,8 @@ def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> 
 
 
 def _noise(campaign: Campaign, seen: Sequence[Finding]) -> Mapping[str, float]:
-    """Noise by channel to begin with: as given, else from neighbouring samples; of rounded readings at least their rounding."""
+    """Noise by channel to begin with: as given, else from neighbouring samples; of rounded readings at least their
+    rounding."""
     guess = noise.from_samples(campaign) | dict(campaign.noise_std)
     for channel, size in background.noise_of_rounding(seen).items():
         if channel in guess:

@@ -1,4 +1,5 @@
-"""How far fitted models miss, open loop: what the report shows of every step, and the error on runs left out of the fit."""
+"""How far fitted models miss, open loop: what the report shows of every step, and the error on runs left out of the
+fit."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ LEFT_OUT = 4
 
 
 def predicted(problem: Problem, f: Fit) -> list[np.ndarray]:
-    """What every run would read (m,), simulated from its fitted start to its end; parameters that differ from run to run are its own."""
+    """What every run would read (m,), simulated from its fitted start to its end; parameters that differ from run to
+    run are its own."""
     thetas = own_thetas(problem, f)
 
     def one(i: int) -> np.ndarray:
@@ -100,14 +102,20 @@ def where_won(problem: Problem, before: Fit, after: Fit, sigma: np.ndarray) -> d
     first, last = residuals(problem, before, sigma), residuals(problem, after, sigma)
     falls = [np.nan_to_num(a**2 - b**2) for a, b in zip(first, last, strict=True)]
     total = sum(f.sum() for f in falls) or 1.0
-    speed = np.concatenate([path[d.row, INDEX["surge_rate"]] for d, path in zip(problem.runs, after.paths, strict=True)])
+    speed = np.concatenate(
+        [path[d.row, INDEX["surge_rate"]] for d, path in zip(problem.runs, after.paths, strict=True)]
+    )
     gap = np.concatenate([_gaps(problem, after, i)[d.row] for i, d in enumerate(problem.runs)])
     fall = np.concatenate(falls)
     stretches = {"speed": (speed, 1.0, "m/s"), "gap": (gap, 1e3, "mm")}
-    where: dict[str, dict[str, float]] = {"run": {d.run.name: float(f.sum() / total) for d, f in zip(problem.runs, falls, strict=True)}}
+    where: dict[str, dict[str, float]] = {
+        "run": {d.run.name: float(f.sum() / total) for d, f in zip(problem.runs, falls, strict=True)}
+    }
     for name, (values, scale, unit) in stretches.items():
         edges = np.unique(np.round(scale * np.quantile(values, [0, 0.25, 0.5, 0.75, 1]), 1))
-        inside = [(scale * values >= low) & (scale * values <= high) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+        inside = [
+            (scale * values >= low) & (scale * values <= high) for low, high in zip(edges[:-1], edges[1:], strict=True)
+        ]
         labels = [f"{low + 0:g}–{high + 0:g} {unit}" for low, high in zip(edges[:-1], edges[1:], strict=True)]
         where[name] = {label: float(fall[mine].sum() / total) for label, mine in zip(labels, inside, strict=True)}
     where["contact"] = {"touching": float(fall[gap < 0].sum() / total), "free": float(fall[gap >= 0].sum() / total)}
@@ -124,7 +132,10 @@ def traces_of(problem: Problem, fits: Mapping[tuple[str, ...], Fit]) -> tuple[Ru
     every = {subset: predicted(problem, f) for subset, f in fits.items()}
     traces = []
     for i, data in enumerate(problem.runs):
-        read = {s: {c: column(data, p[i], k) for k, c in enumerate(problem.channels) if c in data.run.channels} for s, p in every.items()}
+        read = {
+            s: {c: column(data, p[i], k) for k, c in enumerate(problem.channels) if c in data.run.channels}
+            for s, p in every.items()
+        }
         measured = {c: data.run[c] for c in data.run.channels}
         traces.append(RunTraces(data.run.name, data.run.driven, data.run.times, measured, read))
     return tuple(traces)

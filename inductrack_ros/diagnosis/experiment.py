@@ -1,8 +1,8 @@
 """The run that would settle what is open: T-optimal design over a menu (Atkinson and Fedorov).
 
-For each run of the menu the truth is taken to be the chosen model; each rival is given its best chance by refitting the run's initial state
-and its parameters within what is known of them, and what difference remains is its separation in sigmas. No run leaves the limits that the campaign gives.
-"""
+For each run of the menu the truth is taken to be the chosen model; each rival is given its best chance by refitting the
+run's initial state and its parameters within what is known of them, and what difference remains is its separation in
+sigmas. No run leaves the limits that the campaign gives."""
 
 from __future__ import annotations
 
@@ -61,7 +61,9 @@ def propose(
     limits = problem.limits
     speeds, currents = menu(limits, "surge_rate", SPEEDS), menu(limits, "drive_current", CURRENTS)
     durations = (*SHORT, *DURATIONS) if limits.ranges else DURATIONS
-    for contact, duration, current, offsets in product((False, True) if limits.contact else (False,), durations, currents, OFFSETS):  # the gentlest first
+    for contact, duration, current, offsets in product(
+        (False, True) if limits.contact else (False,), durations, currents, OFFSETS
+    ):  # the gentlest first
         found = at_once(tried, [(speed, current, offsets, duration, contact) for speed in speeds])
         for proposal in [p for p in found if p is not None]:
             if (apart := min(proposal.sigmas.values())) > most:
@@ -72,7 +74,10 @@ def propose(
         return ("no run within the campaign's limits sets apart what is open" if limits.ranges else None), None
     gains = ", ".join(f"{n} by {s:.1f} sigmas" for n, s in best.sigmas.items())
     if min(best.sigmas.values()) < 3.0:
-        return f"no single run of this kind settles it; the best ({best.words}) sets apart {gains}. {_other_means(twins)}", best
+        return (
+            f"no single run of this kind settles it; the best ({best.words}) sets apart {gains}. {_other_means(twins)}",
+            best,
+        )
     return f"{best.words}: sets apart {gains}", best
 
 
@@ -84,8 +89,11 @@ def menu(limits: Limits, name: str, usual: Sequence[float]) -> tuple[float, ...]
     return tuple(min(max(float(f"{v:.3g}"), low), high) for v in np.linspace(low, high, len(usual)))
 
 
-def _made(problem: Problem, model: Model, speed, current, offsets, duration, contact: bool) -> tuple[Problem, np.ndarray] | None:
-    """A run of the menu as the chosen model has it, and its exact start; None where it is not to be had with (without) contact."""
+def _made(
+    problem: Problem, model: Model, speed, current, offsets, duration, contact: bool
+) -> tuple[Problem, np.ndarray] | None:
+    """A run of the menu as the chosen model has it, and its exact start; None where it is not to be had with (without)
+    contact."""
     start = model.initial_state(surge_rate=speed, drive_current=current)
     for i, offset in zip((INDEX["heave"], INDEX["sway"], INDEX["roll"]), offsets, strict=True):
         start[i] += offset
@@ -101,7 +109,9 @@ def _made(problem: Problem, model: Model, speed, current, offsets, duration, con
     if not all(problem.limits.allow(s, made[s]) for s in STATES):
         return None
     single = problem.subset([0])
-    given = {s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)}  # as in the runs so far
+    given = {
+        s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)
+    }  # as in the runs so far
     run = Run("proposal", Path("proposal"), problem.channels, times, values, times, current, initial_state=given)
     single.runs = (lay_out(run, model, problem.channels, problem.dof),)
     exact = start[:8].copy()
@@ -110,7 +120,8 @@ def _made(problem: Problem, model: Model, speed, current, offsets, duration, con
 
 
 def _separation(single: Problem, start: np.ndarray, rival: Fit, undetermined: Sequence[str]) -> float:
-    """√χ² that a rival is left with on a run, after refitting the initial state and, as far as the runs so far leave room, its parameters."""
+    """√χ² that a rival is left with on a run, after refitting the initial state and, as far as the runs so far leave
+    room, its parameters."""
     prior = rival.structure.knowing(rival.theta, rival.covariance, undetermined)
     theta = prior.centre
 
@@ -118,7 +129,9 @@ def _separation(single: Problem, start: np.ndarray, rival: Fit, undetermined: Se
         return float(np.sqrt(max(g.chi2 + prior.surprise(g.theta), 0.0)))
 
     near = left(deterministic.fit(single, prior, [start], theta, iterations=10, tolerance=0.1))
-    return near if near < ENOUGH else min(near, left(deterministic.fit_from_scratch(single, prior, theta)))  # it may only have been stuck
+    return (
+        near if near < ENOUGH else min(near, left(deterministic.fit_from_scratch(single, prior, theta)))
+    )  # it may only have been stuck
 
 
 def _read(problem: Problem, model, start: np.ndarray) -> np.ndarray:
@@ -145,9 +158,21 @@ def _look_closer(unknown: Unknown) -> str:
         on = np.abs(unknown.force) > 0.2 * np.abs(unknown.force).max()
         where = f" between {unknown.at[on].min():.3g} and {unknown.at[on].max():.3g}" if on.any() else ""
     if "drive" in unknown.depends_on[1:]:
-        return "repeat a driven run with half of its current and coasting: a change of the thrust halves and vanishes, any other force stays"
+        return (
+            "repeat a driven run with half of its current and coasting: a change of the thrust halves and vanishes, any"
+            " other force stays"
+        )
     if variable == "surge":
-        return f"coast slowly and at two further speeds over the track{where + ' m' if where else ''}, with gaps recorded: what depends on the place alone repeats there at every speed"
+        return (
+            f"coast slowly and at two further speeds over the track{where + ' m' if where else ''}, with gaps recorded:"
+            " what depends on the place alone repeats there at every speed"
+        )
     if variable == "time":
-        return "repeat one run after a pause and once again at another place: what depends on time alone follows the clock, not the track"
-    return f"runs that cover {variable}{where} (SI) slowly and quickly, driven and coasting: what depends on {variable} alone repeats there"
+        return (
+            "repeat one run after a pause and once again at another place: what depends on time alone follows the"
+            " clock, not the track"
+        )
+    return (
+        f"runs that cover {variable}{where} (SI) slowly and quickly, driven and coasting: what depends on {variable}"
+        " alone repeats there"
+    )

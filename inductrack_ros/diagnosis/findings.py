@@ -1,4 +1,5 @@
-"""What log and rig do besides, told: every process and every shaken coordinate of an answer as a `Finding` with its size."""
+"""What log and rig do besides, told: every process and every shaken coordinate of an answer as a `Finding` with its
+size."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from .moves import State, Task, shaken
 
 #: Noise that differs from what is stated by less than this part of it is not worth a word.
 WORTH_SAYING = 0.1
-#: An innovation of this many standard deviations is a spike: noise has one in a billion readings. More than this part are none.
+#: An innovation of this many standard deviations is a spike: noise has one in a billion readings. More than this part
+#: are none.
 SPIKE, MOST_SPIKES = 6.0, 0.03
 #: Kinds that a fit sees better than the look at the data: where the fit has none, there is none.
 BETTER_SEEN = (COLOURED, HUM, JITTER)
@@ -36,7 +38,8 @@ def findings(task: Task, state: State) -> tuple[Finding, ...]:
 
 
 def outlying(problem: Problem, base: Fit) -> tuple[Finding, ...]:
-    """Single readings that no noise and no motion explains, by channel: far off where the readings before and after are not.
+    """Single readings that no noise and no motion explains, by channel: far off where the readings before and after are
+    not.
 
     Beside a contact the look at the data keeps what a blow could have done; the model tells better.
     """
@@ -54,31 +57,68 @@ def outlying(problem: Problem, base: Fit) -> tuple[Finding, ...]:
                 rows[data.run.name] = tuple(np.searchsorted(data.run.times, data.time[mine[alone]]).tolist())
         if rows and (count := sum(map(len, rows.values()))) < MOST_SPIKES * total:
             text = f"{channel} has {count} outliers that the model shows, for neither noise nor motion explains them"
-            found.append(Finding("outliers", SET_ASIDE, text, channel=channel, samples=rows, size={"count": count, "share": count / total}))
+            found.append(
+                Finding(
+                    "outliers",
+                    SET_ASIDE,
+                    text,
+                    channel=channel,
+                    samples=rows,
+                    size={"count": count, "share": count / total},
+                )
+            )
     return tuple(found)
 
 
 def _of_process(task: Task, state: State, p: Process) -> Finding | None:
     problem = task.problem
     sigma = problem.sigma[problem.channels.index(p.on)] if p.on in problem.channels else 1.0
-    if p.kind == WHITE and p.on in task.given and abs(_whole(state, p.on) - 1.0) > WORTH_SAYING and (COLOURED, p.on) not in _kinds(state):
+    if (
+        p.kind == WHITE
+        and p.on in task.given
+        and abs(_whole(state, p.on) - 1.0) > WORTH_SAYING
+        and (COLOURED, p.on) not in _kinds(state)
+    ):
         ratio = _whole(state, p.on)
-        return Finding(WHITE, WARNING, f"the noise of {p.on} is {number(ratio)} times the stated noise_std", "correct noise_std", p.on, size={"ratio": ratio})
+        return Finding(
+            WHITE,
+            WARNING,
+            f"the noise of {p.on} is {number(ratio)} times the stated noise_std",
+            "correct noise_std",
+            p.on,
+            size={"ratio": ratio},
+        )
     if p.kind == COLOURED:
-        text = f"the noise of {p.on} is coloured: it forgets itself in {number(1e3 * p.time)} ms, {quantity(p.on, p.size * sigma)} of it (standard deviation)"
-        return Finding(COLOURED, NOTE, text, channel=p.on, size={"correlation_time": float(p.time), "std": float(p.size * sigma)})
+        text = (
+            f"the noise of {p.on} is coloured: it forgets itself in {number(1e3 * p.time)} ms,"
+            f" {quantity(p.on, p.size * sigma)} of it (standard deviation)"
+        )
+        return Finding(
+            COLOURED, NOTE, text, channel=p.on, size={"correlation_time": float(p.time), "std": float(p.size * sigma)}
+        )
     if p.kind == HUM:
         text = f"{p.on} hums at {number(1.0 / p.time, 4)} Hz, amplitude {quantity(p.on, p.size * sigma)}"
-        return Finding(HUM, NOTE, text, channel=p.on, size={"frequency": float(1.0 / p.time), "amplitude": float(p.size * sigma)})
+        return Finding(
+            HUM, NOTE, text, channel=p.on, size={"frequency": float(1.0 / p.time), "amplitude": float(p.size * sigma)}
+        )
     if p.kind == JITTER:
-        text = f"the stamps are off by {number(1e3 * p.size)} ms from sample to sample (standard deviation), in all channels at once"
+        text = (
+            f"the stamps are off by {number(1e3 * p.size)} ms from sample to sample (standard deviation), in all"
+            " channels at once"
+        )
         return Finding(JITTER, NOTE, text, size={"std": float(p.size)})
     if p.kind == RUN_TO_RUN and (run := _odd_run(task, state, p)):
-        text = f"{run} does not belong to the others: with it left out, {p.on} is the same in every run; was the rig changed in between?"
+        text = (
+            f"{run} does not belong to the others: with it left out, {p.on} is the same in every run; was the rig"
+            " changed in between?"
+        )
         return Finding(BAD_RUN, WARNING, text, "leave it out, or repeat it", run=run, size={"parameter": p.on})
     if p.kind == RUN_TO_RUN:
         share = _relative(state, p)
-        text = f"{p.on} differs from run to run by {number(100 * share)} % (standard deviation): the rig, or what the log says of it, is not the same in every run"
+        text = (
+            f"{p.on} differs from run to run by {number(100 * share)} % (standard deviation): the rig, or what the log"
+            " says of it, is not the same in every run"
+        )
         return Finding(RUN_TO_RUN, NOTE, text, size={"parameter": p.on, "relative_std": share})
     return None
 
@@ -89,7 +129,9 @@ def _kinds(state: State) -> set[tuple[str, str]]:
 
 def _whole(state: State, channel: str) -> float:
     """All noise of a channel over what it was taken for."""
-    return float(np.sqrt(sum(p.size**2 for p in state.fit.processes if p.on == channel and p.kind in (WHITE, COLOURED))))
+    return float(
+        np.sqrt(sum(p.size**2 for p in state.fit.processes if p.on == channel and p.kind in (WHITE, COLOURED)))
+    )
 
 
 def _odd_run(task: Task, state: State, p: Process) -> str:
@@ -104,7 +146,9 @@ def _odd_run(task: Task, state: State, p: Process) -> str:
     point, part = of_runs(f, rest), problem.subset(rest)
     plain = linearise_all(part, point, f.structure)
     fewer = replace(point, processes=tuple(q for q in point.processes if q != p))
-    with_it, without = (settle(part, f.structure, plain, x, background.PASSES).evidence.deviance for x in (point, fewer))
+    with_it, without = (
+        settle(part, f.structure, plain, x, background.PASSES).evidence.deviance for x in (point, fewer)
+    )
     return problem.runs[odd].run.name if without - with_it < background.price(part, task.given, (p,)) else ""
 
 

@@ -11,7 +11,8 @@ from ..estimation.structure import Structure
 
 
 class Fitted(Protocol):
-    """What a fit of any kind has: its structure, theta (g,) and theta's covariance (g, g), and its parameters' deviations by name."""
+    """What a fit of any kind has: its structure, theta (g,) and theta's covariance (g, g), and its parameters'
+    deviations by name."""
 
     structure: Structure
     theta: np.ndarray
@@ -22,7 +23,8 @@ class Fitted(Protocol):
 
 
 def uncertainty_of(fit: Fitted) -> Uncertainty:
-    """The covariance of the parameter values to first order: theta's correlations, and the deviations that the diagnosis tells.
+    """The covariance of the parameter values to first order: theta's correlations, and the deviations that the
+    diagnosis tells.
 
     Without parameters that are held, and without those of which the data say nothing.
     """
@@ -38,7 +40,8 @@ def uncertainty_of(fit: Fitted) -> Uncertainty:
 
 
 def _sign(structure: Structure, theta: np.ndarray, k: int, deviation: float) -> float:
-    """Whether parameter k rises or falls with its theta: a fit of 1/x falls, and one of several alike may be turned over."""
+    """Whether parameter k rises or falls with its theta: a fit of 1/x falls, and one of several alike may be turned
+    over."""
     step = np.zeros_like(theta)
     step[k] = 1e-3 * deviation
     name = structure.free[k]

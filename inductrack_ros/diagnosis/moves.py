@@ -31,8 +31,8 @@ class OutOfTime(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """What is searched: the problem, channels whose noise is given, findings of the look at the data, who hears of progress, and until
-    when (`time.monotonic`) there is time."""
+    """What is searched: the problem, channels whose noise is given, findings of the look at the data, who hears of
+    progress, and until when (`time.monotonic`) there is time."""
 
     problem: Problem
     given: tuple[str, ...] = ()
@@ -93,14 +93,16 @@ def shaken(task: Task, state: State, systems: Sequence[LinearRun] | None = None)
 
 
 def screened(task: Task, state: State, systems: Sequence[LinearRun] | None = None, wavy: bool = True) -> Screening:
-    """All candidates beside a state's fit and each background that may stand beside it; ``wavy``: waves of the track too."""
+    """All candidates beside a state's fit and each background that may stand beside it; ``wavy``: waves of the track
+    too."""
     systems = systems or linearise_all(task.problem, state.fit)
     beside = background.backgrounds(task.problem, state.fit, task.given, systems)
     return screen(task.problem, state.fit, systems, beside, wavy)
 
 
 def law_price() -> float:
-    """Twice the log evidence by which a force of any shape wrongly stands out in `LEVEL` of campaigns, at the most (a Bayes factor, laws counted)."""
+    """Twice the log evidence by which a force of any shape wrongly stands out in `LEVEL` of campaigns, at the most (a
+    Bayes factor, laws counted)."""
     return 2.0 * float(np.log(len(VARIABLES) * 5 / LEVEL))
 
 
@@ -108,10 +110,17 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
     """The state with a set of known effects, beside the background that suits it, after a few steps."""
     task.say(" + ".join([*state.added, *(m.name for m in found.members)]))
     structure, point = _with_effects(task.problem, state.fit, found)
-    new = fit(task.problem, structure, replace(point, power=found.background.power, processes=found.background.processes), steps)
+    new = fit(
+        task.problem,
+        structure,
+        replace(point, power=found.background.power, processes=found.background.processes),
+        steps,
+    )
     labels = " + ".join(m.name for m in found.members)
     grown = _grown(state, found, family, new)
-    return grown.told(f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})")
+    return grown.told(
+        f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})"
+    )
 
 
 def _with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Structure, Point]:
@@ -140,7 +149,11 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
         structure, point = _with_effects(task.problem, state.fit, s)
         if (new := _exact(task, structure, point)) is not None:
             labels = " + ".join(m.name for m in s.members)
-            found.append(_grown(state, s, family, new).told(f"{labels}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"))
+            found.append(
+                _grown(state, s, family, new).told(
+                    f"{labels}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
+                )
+            )
     return sorted(found, key=lambda x: x.cost(task))
 
 
@@ -203,14 +216,17 @@ def with_law(task: Task, state: State, law: Law) -> State:
     freedom = (*state.freedom, (law.name, law.table.occam))
     price = state.price + law.table.occam + law_price()
     grown = replace(state, fit=new, added=(*state.added, law.name), price=price, freedom=freedom)
-    return grown.told(f"any force in {law.acts_on} on {law.variable}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (gain {law.gain:.0f})")
+    return grown.told(
+        f"any force in {law.acts_on} on {law.variable}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (gain"
+        f" {law.gain:.0f})"
+    )
 
 
 def taken_exactly(task: Task, state: State) -> State:
     """The state with contact taken exactly, where that leaves nothing but noise; else as it was.
 
-    Until the physics is right, blows are forgiven and only what is read outside a contact counts: then a shaken rig is no friction.
-    """
+    Until the physics is right, blows are forgiven and only what is read outside a contact counts: then a shaken rig is
+    no friction."""
     f = state.fit
     if not touches(f) or (new := _exact(task, f.structure, f.point)) is None:
         return state
@@ -219,11 +235,15 @@ def taken_exactly(task: Task, state: State) -> State:
 
 
 def smoothed_anew(task: Task, state: State) -> State:
-    """The state with the tables of its stand-ins as smooth as the data now say, where that pays: at first order they were told by a poorer fit."""
+    """The state with the tables of its stand-ins as smooth as the data now say, where that pays: at first order they
+    were told by a poorer fit."""
     for name in state.fit.structure.tables:
         f = state.fit
         table = table_of(task.problem, f, linearise_all(task.problem, f), name)
-        structure, mine = replace(f.structure, smoothness={**f.structure.smoothness, name: table.weight}), f.structure.tables[name]
+        structure, mine = (
+            replace(f.structure, smoothness={**f.structure.smoothness, name: table.weight}),
+            f.structure.tables[name],
+        )
         theta = f.theta.copy()
         theta[mine] = table.values / structure.scale[mine]
         new = fit(task.problem, structure, replace(f.point, theta=theta), REFIT_STEPS)
@@ -231,12 +251,15 @@ def smoothed_anew(task: Task, state: State) -> State:
         freedom = (*(x for x in state.freedom if x[0] != name), (name, table.occam))
         tried = replace(state, fit=new, price=state.price + table.occam - had, freedom=freedom)
         if tried.cost(task) < state.cost(task):
-            state = tried.told(f"the table of {name} as smooth as all data say: deviance {f.deviance:.0f} -> {new.deviance:.0f}")
+            state = tried.told(
+                f"the table of {name} as smooth as all data say: deviance {f.deviance:.0f} -> {new.deviance:.0f}"
+            )
     return state
 
 
 def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:
-    """The state without one of its effects, refitted from where it stands with at least the share ``floor`` of the first power."""
+    """The state without one of its effects, refitted from where it stands with at least the share ``floor`` of the
+    first power."""
     f = state.fit
     structure = f.structure.minus(name)
     kept = [f.structure.free.index(n) for n in structure.free]
@@ -268,7 +291,8 @@ def _share(task: Task, state: State, name: str) -> float:
 
 
 def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
-    """The state, and those with another known effect in the place of one, or the same from another start, refitted where they come near; cheapest first.
+    """The state, and those with another known effect in the place of one, or the same from another start, refitted
+    where they come near; cheapest first.
 
     What candidates promised in the place of the last one is told anew: it was screened beside a poorer fit.
     """

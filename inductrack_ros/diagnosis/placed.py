@@ -1,8 +1,9 @@
-"""Effects that show nothing of where or how fast they are while they vanish: sought at each of the starts that they declare.
+"""Effects that show nothing of where or how fast they are while they vanish: sought at each of the starts that they
+declare.
 
-An effect with ``starts`` is asked where its shape may lie in these runs (a place along the track, a frequency). At each start the other
-parameters, where it vanishes, are what a small size of them would do; where a start leaves none, it is what the whole effect would do.
-"""
+An effect with ``starts`` is asked where its shape may lie in these runs (a place along the track, a frequency). At each
+start the other parameters, where it vanishes, are what a small size of them would do; where a start leaves none, it is
+what the whole effect would do."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ LARGEST = 30.0
 
 @dataclass(frozen=True)
 class Tried:
-    """An effect's starts and what is asked of each: ``rows`` of (start, parameter or '' for the whole effect, values, step in typical sizes)."""
+    """An effect's starts and what is asked of each: ``rows`` of (start, parameter or '' for the whole effect, values,
+    step in typical sizes)."""
 
     starts: tuple[Mapping[str, float], ...]
     rows: tuple[tuple[int, str, Mapping[str, float], float], ...]
@@ -54,7 +56,14 @@ def tried(item: Effect, ranges: Mapping[str, tuple[float, float]]) -> Tried:
     for k, start in enumerate(starts):
         rest = [p for p in item.parameters if p not in start]
         for name in rest:
-            rows.append((k, name, {**start, name: item.parameters[name].default + THETA_STEP * item.parameters[name].typical}, THETA_STEP))
+            rows.append(
+                (
+                    k,
+                    name,
+                    {**start, name: item.parameters[name].default + THETA_STEP * item.parameters[name].typical},
+                    THETA_STEP,
+                )
+            )
         if not rest:
             rows.append((k, "", start, 1.0))
     return Tried(starts, tuple(rows))

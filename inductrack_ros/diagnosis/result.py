@@ -38,7 +38,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Test:
-    """One test of what an answer leaves: its name, statistic, degrees of freedom and log p-value if it were the only one."""
+    """One test of what an answer leaves: its name, statistic, degrees of freedom and log p-value if it were the only
+    one."""
 
     name: str
     statistic: float
@@ -55,8 +56,8 @@ class Test:
 class Rival:
     """One candidate in one round of the search.
 
-    ``chi2_fall``: what adding it to ``beside`` takes off χ²; ``threshold``: what chance alone would;
-    ``size`` and ``std`` by parameter; ``heldout_nrmse`` where it was tried on left-out runs; ``words`` say for and against.
+    ``chi2_fall``: what adding it to ``beside`` takes off χ²; ``threshold``: what chance alone would; ``size`` and
+        ``std`` by parameter; ``heldout_nrmse`` where it was tried on left-out runs; ``words`` say for and against.
     ``where``: part of the fall by run, and by stretch of speed, gap and contact (label → part of the fall).
     ``refitted``: False where the fall is only what it promises to first order.
     """
@@ -109,7 +110,8 @@ class Unknown:
 
     @property
     def place(self) -> float:
-        """Where on its first variable it is largest, as far as that is sure: a table's ends are not. NaN where there is no curve."""
+        """Where on its first variable it is largest, as far as that is sure: a table's ends are not. NaN where there is
+        no curve."""
         return float(self.at[np.argmax(np.abs(self.force) - self.band)]) if self.at.size else math.nan
 
     @property
@@ -120,8 +122,8 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A run to make next: speed (m/s), drive current (A), offsets of heave, sway (m) and roll (rad) at the start, duration (s), and by
-    how many sigmas each rival would miss it."""
+    """A run to make next: speed (m/s), drive current (A), offsets of heave, sway (m) and roll (rad) at the start,
+    duration (s), and by how many sigmas each rival would miss it."""
 
     speed: float
     current: float
@@ -142,7 +144,12 @@ class Proposal:
         """The run in words."""
         drive = f"driven at {self.current:.0f} A" if self.current else "coasting"
         heave, sway, roll = self.offsets
-        start = f", released {1e3 * heave:g} mm over the equilibrium heave, {1e3 * sway:g} mm aside and rolled {1e3 * roll:g} mrad" if any(self.offsets) else ""
+        start = (
+            f", released {1e3 * heave:g} mm over the equilibrium heave, {1e3 * sway:g} mm aside and rolled"
+            f" {1e3 * roll:g} mrad"
+            if any(self.offsets)
+            else ""
+        )
         return f"start at {self.speed:g} m/s {drive}{start}, for {self.duration:g} s"
 
 
@@ -207,14 +214,16 @@ class Diagnosis:
                 "effects": list(self.effects),
                 "parameters": {n: {"value": v, "std": s} for n, (v, s) in self.parameters.items()},
                 "indistinguishable": {n: list(r) for n, r in self.indistinguishable.items()},
-                "unknown": None
-                if self.unknown is None
-                else {
-                    "channel": self.unknown.channel,
-                    "depends_on": list(self.unknown.depends_on),
-                    "peak": self.unknown.peak,
-                    "unit": self.unknown.unit,
-                },
+                "unknown": (
+                    None
+                    if self.unknown is None
+                    else {
+                        "channel": self.unknown.channel,
+                        "depends_on": list(self.unknown.depends_on),
+                        "peak": self.unknown.peak,
+                        "unit": self.unknown.unit,
+                    }
+                ),
                 "next_experiment": self.next_experiment,
                 "steps": [
                     {"effects": list(s.effects), "reduced_chi2": s.reduced_chi2, "heldout_nrmse": s.heldout_nrmse}
@@ -230,15 +239,22 @@ class Diagnosis:
                 "noise_std": {c: {"value": v, "given": c in self.noise_given} for c, v in self.noise.items()},
                 "limits": {x.name: {"parameter": x.parameter, "value": x.size, "unit": x.unit} for x in self.limits},
                 "rivals": [
-                    {"effect": r.name, "beside": list(r.beside), "chi2_fall": r.chi2_fall, "threshold": r.threshold,
-                     "chosen": r.chosen, "refitted": r.refitted}
+                    {
+                        "effect": r.name,
+                        "beside": list(r.beside),
+                        "chi2_fall": r.chi2_fall,
+                        "threshold": r.threshold,
+                        "chosen": r.chosen,
+                        "refitted": r.refitted,
+                    }
                     for r in self.rivals
                 ],
             }
         )
 
     def write(self, folder: Path) -> None:
-        """Write ``diagnosis.json`` and ``model.yaml`` into a folder, and the laws that are proposed with a model that has the best of them."""
+        """Write ``diagnosis.json`` and ``model.yaml`` into a folder, and the laws that are proposed with a model that
+        has the best of them."""
         (folder / "diagnosis.json").write_text(file_text(self.to_json()), encoding="utf-8")
         found = ", ".join(self.effects) or "no effect added"
         comment = f"Diagnosis of {self.campaign}: {self.verdict.replace('_', ' ')}; {found}."
@@ -246,4 +262,6 @@ class Diagnosis:
             comment += "\nstand_in_* is a smooth force in place of unknown physics: it predicts, it explains nothing."
         self.model.save(folder / "model.yaml", comment, self.uncertainty)
         if self.laws is not None:
-            self.laws.write(folder, f"{self.campaign}: the best law proposed in place of the table; see proposed_effects.py.")
+            self.laws.write(
+                folder, f"{self.campaign}: the best law proposed in place of the table; see proposed_effects.py."
+            )

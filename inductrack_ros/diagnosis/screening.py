@@ -25,7 +25,8 @@ from . import placed
 from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, LEVEL, MEDIUM
 from .smooth import Smooth, smoothest_of
 
-#: The effect that is sought at every wavelength, from this many metres up, and how many of the best wavelengths are candidates.
+#: The effect that is sought at every wavelength, from this many metres up, and how many of the best wavelengths are
+#: candidates.
 WAVES = "guideway_waviness"
 SHORTEST_WAVE, WAVE_STARTS, HIGHEST_WAVE = catalogue()[WAVES].parameters["wavelength"].fit_from, 2, 1e-3
 TOTALS = ("force_surge", "force_sway", "force_heave", "moment_roll")
@@ -33,7 +34,8 @@ TOTALS = ("force_surge", "force_sway", "force_heave", "moment_roll")
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that could be missing: its name, where its parameters start, how many parameters and independent tries it stands for."""
+    """An effect that could be missing: its name, where its parameters start, how many parameters and independent tries
+    it stands for."""
 
     label: str
     name: str
@@ -49,7 +51,8 @@ class Candidate:
 
 @dataclass(frozen=True)
 class CandidateSet:
-    """Candidates taken together: the deviance they promise, that with what chance would reach, and the background that suits them."""
+    """Candidates taken together: the deviance they promise, that with what chance would reach, and the background that
+    suits them."""
 
     members: tuple[Candidate, ...]
     deviance: float
@@ -82,8 +85,11 @@ def names(problem: Problem, structure: Structure) -> list[str]:
     return [n for n in found if n not in structure.effects]
 
 
-def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background] = (), wavy: bool = True) -> Screening:
-    """Every candidate and every small set of them at a fit, beside each of the backgrounds (the fit's own unless given); ``wavy``: waves of the track too."""
+def screen(
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background] = (), wavy: bool = True
+) -> Screening:
+    """Every candidate and every small set of them at a fit, beside each of the backgrounds (the fit's own unless
+    given); ``wavy``: waves of the track too."""
     known = fit.model.known_effects
     somewhere = [n for n in names(problem, fit.structure) if placed.is_placed(known[n.partition(":")[0]])]
     at_once = {n: start for n in names(problem, fit.structure) if (start := _of_readings(problem, known, n))}
@@ -106,7 +112,8 @@ def screen(problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds
 
 
 def _of_readings(problem: Problem, known: Mapping[str, Effect], name: str) -> Mapping[str, float]:
-    """Where the parameters of an effect of a sensor start as its readings say; empty where it is asked for while it vanishes."""
+    """Where the parameters of an effect of a sensor start as its readings say; empty where it is asked for while it
+    vanishes."""
     base, _, channel = name.partition(":")
     if not channel or not known[base].starts:
         return {}
@@ -123,7 +130,9 @@ def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[Candidate
         e = found.expected(labels)
         edges = np.cumsum([0] + [len(found.places[n]) for n in labels])
         sizes = {n: e.size[a:b] for n, a, b in zip(labels, edges[:-1], edges[1:], strict=True)}
-        return CandidateSet(members, e.deviance, e.deviance + sum(m.price(family) for m in members), sizes, e.background)
+        return CandidateSet(
+            members, e.deviance, e.deviance + sum(m.price(family) for m in members), sizes, e.background
+        )
 
     sets = sorted((of([n]) for n in candidates), key=lambda s: s.cost)
     for size, limit in zip(range(2, LARGEST_SET + 1), (IN_PAIRS, IN_TRIPLES), strict=True):
@@ -136,8 +145,11 @@ def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[Candidate
 # ---------------------------------------------------------------- effects at a place
 
 
-def _placed(problem: Problem, fit: Fit, systems: Sequence[LinearRun], name: str, covered: Mapping[str, tuple[float, float]]) -> list[tuple[Candidate, list[Columns]]]:
-    """An effect at the best few of the starts that it declares for runs that cover these ranges: it shows nothing of them while it vanishes."""
+def _placed(
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], name: str, covered: Mapping[str, tuple[float, float]]
+) -> list[tuple[Candidate, list[Columns]]]:
+    """An effect at the best few of the starts that it declares for runs that cover these ranges: it shows nothing of
+    them while it vanishes."""
     item = fit.model.known_effects[name]
     asked = placed.tried(item, covered)
     plain = Structure(fit.model, ())
@@ -149,7 +161,10 @@ def _placed(problem: Problem, fit: Fit, systems: Sequence[LinearRun], name: str,
         return columns.differences(problem, wide, i, path, thetas, steps, fit.model.active_states)
 
     every = problem.for_runs(one)
-    wanted = {str(k): [Columns(c.inputs[:, :, asked.of(k)], c.data[:, asked.of(k)]) for c in every] for k in range(len(asked.starts))}
+    wanted = {
+        str(k): [Columns(c.inputs[:, :, asked.of(k)], c.data[:, asked.of(k)]) for c in every]
+        for k in range(len(asked.starts))
+    }
     told = scores(problem, fit, wanted, systems)
     best = sorted(wanted, key=lambda k: told.expected([k]).deviance)[:WAVE_STARTS]
     found = []
@@ -183,7 +198,9 @@ def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tup
     tried = []
     for some in np.array_split(numbers, max(1, len(numbers) // 60)):
         for power in _two_powers(fit):
-            deviances, sizes = _each(problem, fit, systems, [parts(i, some) for i in range(len(problem.runs))], 2, power)
+            deviances, sizes = _each(
+                problem, fit, systems, [parts(i, some) for i in range(len(problem.runs))], 2, power
+            )
             tried += [(d, nu, s) for d, nu, s in zip(deviances, some, sizes, strict=True)]
     tried.sort(key=lambda t: t[0])
     found: list[tuple[Candidate, list[Columns]]] = []
@@ -191,7 +208,11 @@ def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tup
     for _, nu, (a, b) in tried:
         if all(abs(nu - other) > 1.5 / reach for other in taken):
             taken.append(nu)
-            start = {"amplitude": min(float(np.hypot(a, b)), HIGHEST_WAVE), "wavelength": float(1 / nu), "phase": float(np.arctan2(b, a))}
+            start = {
+                "amplitude": min(float(np.hypot(a, b)), HIGHEST_WAVE),
+                "wavelength": float(1 / nu),
+                "phase": float(np.arctan2(b, a)),
+            }
             candidate = Candidate(f"{WAVES}@{1 / nu:.3g}", WAVES, start, 3, 2 * len(numbers))
             found.append((candidate, [parts(i, np.array([nu])) for i in range(len(problem.runs))]))
         if len(found) == WAVE_STARTS:
@@ -204,15 +225,30 @@ def _two_powers(fit: Fit) -> list[np.ndarray]:
     return [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in (1.0, 1e-2)]
 
 
-def _each(problem, fit, systems, parts: Sequence[Columns], width: int, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _each(
+    problem, fit, systems, parts: Sequence[Columns], width: int, power: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The deviance (k,) that each block of ``width`` columns promises at a power, and its coefficients (k, width)."""
     gram, score, base = _blocks(problem, fit, systems, parts, [width] * (parts[0].data.shape[1] // width), power)
-    sizes = np.array([np.linalg.lstsq(g + 1e-9 * np.trace(g) * np.eye(width) + 1e-12 * np.eye(width), s, rcond=None)[0] for g, s in zip(gram, score, strict=True)])
+    sizes = np.array(
+        [
+            np.linalg.lstsq(g + 1e-9 * np.trace(g) * np.eye(width) + 1e-12 * np.eye(width), s, rcond=None)[0]
+            for g, s in zip(gram, score, strict=True)
+        ]
+    )
     return base - np.array([s @ x for s, x in zip(score, sizes, strict=True)]), sizes
 
 
-def _blocks(problem: Problem, fit: Fit, systems: Sequence[LinearRun], parts: Sequence[Columns], widths: Sequence[int], power: np.ndarray):
-    """Normal equations of blocks of columns at a power, the nuisance projected out: each block's matrix and right-hand side, and the deviance without."""
+def _blocks(
+    problem: Problem,
+    fit: Fit,
+    systems: Sequence[LinearRun],
+    parts: Sequence[Columns],
+    widths: Sequence[int],
+    power: np.ndarray,
+):
+    """Normal equations of blocks of columns at a power, the nuisance projected out: each block's matrix and right-hand
+    side, and the deviance without."""
     g = len(fit.theta)
     edges = np.cumsum([0, *widths])
     prior, pull = fit.structure.precision, fit.structure.precision @ (fit.structure.centre - fit.theta)
@@ -269,14 +305,30 @@ class Law:
         return f"stand_in_{self.acts_on}"
 
 
-def laws(problem: Problem, fit: Fit, systems: Sequence[LinearRun], fine: Sequence[str], variables: Sequence[str] | None = None) -> list[Law]:
-    """Forces of any shape on all they may act on, most telling first; with ``fine`` tables where something is known to be missing."""
+def laws(
+    problem: Problem,
+    fit: Fit,
+    systems: Sequence[LinearRun],
+    fine: Sequence[str],
+    variables: Sequence[str] | None = None,
+) -> list[Law]:
+    """Forces of any shape on all they may act on, most telling first; with ``fine`` tables where something is known to
+    be missing."""
     runs = [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
-    spans = {v: span for v in runs[0] if (variables is None or v in variables) and (span := _span([r[v] for r in runs])) is not None}
+    spans = {
+        v: span
+        for v in runs[0]
+        if (variables is None or v in variables) and (span := _span([r[v] for r in runs])) is not None
+    }
     plain = scores(problem, fit, {}, systems).plain
     found: list[Law] = []
     for on in _acts_on(problem, fit):
-        tables = [(v, low, (high - low) / n, n + 1) for v, (low, high) in spans.items() for n in _sizes(v, on in fine) if not (on == "thrust" and v == "drive")]
+        tables = [
+            (v, low, (high - low) / n, n + 1)
+            for v, (low, high) in spans.items()
+            for n in _sizes(v, on in fine)
+            if not (on == "thrust" and v == "drive")
+        ]
 
         def parts(i: int, on=on, tables=tables) -> Columns:
             shapes = np.hstack([basis(runs[i][v], start, step, count) for v, start, step, count in tables])
@@ -302,7 +354,9 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     other = np.setdiff1d(np.arange(len(fit.theta)), mine)
 
     def one(i: int) -> np.ndarray:
-        w, _ = run_filter(augmented(problem, structure, i, systems[i], fit.processes), np.where(fit.power > NO_POWER, fit.power, 0.0)).scored(systems[i])
+        w, _ = run_filter(
+            augmented(problem, structure, i, systems[i], fit.processes), np.where(fit.power > NO_POWER, fit.power, 0.0)
+        ).scored(systems[i])
         return w.T @ w
 
     whole = sum(problem.for_runs(one))
@@ -336,7 +390,10 @@ def _span(values: Sequence[np.ndarray]) -> tuple[float, float] | None:
 
 
 def _acts_on(problem: Problem, fit: Fit) -> list[str]:
-    """What a force of any shape may act on: the coordinates that move, and the thrust where runs were driven differently."""
+    """What a force of any shape may act on: the coordinates that move, and the thrust where runs were driven
+    differently."""
     found = [c for c in COORDINATES if c in MOVING[problem.dof]]
     drives = {d.run.drive_current if d.averaged else 0.0 for d in problem.runs}
-    return [c for c in found if f"stand_in_{c}" not in fit.structure.effects] + (["thrust"] if "surge" in found and len(drives) > 1 else [])
+    return [c for c in found if f"stand_in_{c}" not in fit.structure.effects] + (
+        ["thrust"] if "surge" in found and len(drives) > 1 else []
+    )

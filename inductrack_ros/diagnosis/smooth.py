@@ -15,8 +15,8 @@ WEIGHTS = np.logspace(-9, 9, 37)
 
 @dataclass(frozen=True)
 class Smooth:
-    """A table's values (l,), the weight of its roughness, twice the log evidence it promises over none, and ``occam``, the part of the
-    fall in χ² that its freedom alone would have bought."""
+    """A table's values (l,), the weight of its roughness, twice the log evidence it promises over none, and ``occam``,
+    the part of the fall in χ² that its freedom alone would have bought."""
 
     values: np.ndarray
     weight: float
@@ -25,8 +25,8 @@ class Smooth:
 
 
 def smoothest_of(effect: str, whole: np.ndarray, told: np.ndarray, local: bool = False) -> Smooth:
-    """The table of a stand-in that explains a residual best, from the normal equations (l, l) and (l,) of what each value does to the
-    measurements over noise.
+    """The table of a stand-in that explains a residual best, from the normal equations (l, l) and (l,) of what each
+    value does to the measurements over noise.
 
     That of a ``local`` force is none at its ends.
     """
@@ -41,7 +41,9 @@ def smoothest_of(effect: str, whole: np.ndarray, told: np.ndarray, local: bool =
     return replace(best, values=np.pad(best.values, ENDS)) if local else best
 
 
-def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float, plain: np.ndarray, bent: np.ndarray, bends: np.ndarray) -> Smooth:
+def _with_weight(
+    gram: np.ndarray, score: np.ndarray, weight: float, plain: np.ndarray, bent: np.ndarray, bends: np.ndarray
+) -> Smooth:
     """With the prior ``plain`` + weight ``bent``, whose eigenvalues ``bends`` are, at one weight."""
     prior = plain + weight * bent
     try:
@@ -50,4 +52,6 @@ def _with_weight(gram: np.ndarray, score: np.ndarray, weight: float, plain: np.n
         return Smooth(np.zeros(len(gram)), weight, -np.inf, np.inf)
     values = linalg.cho_solve(factor, score)
     told = 2 * np.log(np.diag(factor[0])).sum() - np.log(plain[0, 0] + weight * np.maximum(bends, 0.0)).sum()
-    return Smooth(values, weight, float(values @ score - told), max(float(values @ prior @ values), 0.0) + max(float(told), 0.0))
+    return Smooth(
+        values, weight, float(values @ score - told), max(float(values @ prior @ values), 0.0) + max(float(told), 0.0)
+    )

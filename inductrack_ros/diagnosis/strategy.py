@@ -1,8 +1,9 @@
-"""The search for what is missing, on one page: screen, refit, add, until nothing more is explained; then prune and exchange.
+"""The search for what is missing, on one page: screen, refit, add, until nothing more is explained; then prune and
+exchange.
 
-Every stage is a function from one `State` to the next with a reason in the log, which ``inductrack diagnose --explain`` prints.
-What log and rig do besides (`background`) and physics compete: both are judged by the deviance with what chance would take off it.
-"""
+Every stage is a function from one `State` to the next with a reason in the log, which ``inductrack diagnose --explain``
+prints. What log and rig do besides (`background`) and physics compete: both are judged by the deviance with what chance
+would take off it."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ Stage = Callable[[Task, State], State]
 
 
 def search(task: Task, state: State) -> State:
-    """The state with everything that the data say is missing; what log and rig do besides was looked for before (`add_background`)."""
+    """The state with everything that the data say is missing; what log and rig do besides was looked for before
+    (`add_background`)."""
     for name, stage in STAGES:
         try:
             state = _repeated(task, state, name, stage)
@@ -55,9 +57,12 @@ def _repeated(task: Task, state: State, name: str, stage: Stage) -> State:
 
 
 def add_background(task: Task, state: State) -> State:
-    """Add what log and rig do besides, as far as it pays; take out what no longer does. Contact is exact where that leaves noise."""
+    """Add what log and rig do besides, as far as it pays; take out what no longer does. Contact is exact where that
+    leaves noise."""
     state = taken_exactly(task, state)
-    new = background.improved(task.problem, background.lean(task.problem, state.fit, task.given), task.given, task.hints, task.tell)
+    new = background.improved(
+        task.problem, background.lean(task.problem, state.fit, task.given), task.given, task.hints, task.tell
+    )
     kinds = ", ".join(dict.fromkeys(f"{p.kind} {p.on}".strip() for p in new.processes)) or "nothing"
     return replace(state, fit=new).told(f"beside the model: {kinds}; deviance {new.deviance:.0f}")
 
@@ -65,8 +70,8 @@ def add_background(task: Task, state: State) -> State:
 def add_known(task: Task, state: State) -> State:
     """Add the set of known effects that explains most, where it takes off more than chance would.
 
-    A force of any shape that promises far less cost than any known set comes first, for the known would only imitate it.
-    """
+    A force of any shape that promises far less cost than any known set comes first, for the known would only imitate
+    it."""
     systems = linearise_all(task.problem, state.fit)
     lacking = shaken(task, state, systems)
     screening = screened(task, state, systems, wavy=bool(lacking))
@@ -81,7 +86,9 @@ def add_known(task: Task, state: State) -> State:
     if best is None or best.cost > plain:
         return state.told("no known effect explains more than chance would")
     if len(state.added) >= MOST_EFFECTS:
-        return replace(state.told(f"more than {MOST_EFFECTS} effects would be needed: the model is far from the rig"), far=True)
+        return replace(
+            state.told(f"more than {MOST_EFFECTS} effects would be needed: the model is far from the rig"), far=True
+        )
     if exact := exact_ones(task, state, closest(screening, plain), screening.family):
         return add_background(task, exact[0])
     tried = promising(screening, plain)
@@ -99,7 +106,8 @@ def closest(screening: Screening, plain: float) -> list[CandidateSet]:
 
 
 def promising(screening: Screening, plain: float) -> list[CandidateSet]:
-    """The sets to refit: the best, those near to it, and the best single effect and pair, for first order flatters large sets far off."""
+    """The sets to refit: the best, those near to it, and the best single effect and pair, for first order flatters
+    large sets far off."""
     best = screening.sets[0].cost
     near = [s for s in screening.sets[:REFITTED] if s.cost < min(best + NEAR, plain)]
     smallest = [next((s for s in screening.sets if len(s.members) == size and s.cost < plain), None) for size in (1, 2)]
@@ -131,7 +139,8 @@ def prune(task: Task, state: State) -> State:
 
 
 def exchange(task: Task, state: State) -> State:
-    """Put another effect in the place of one where that explains more: the first were chosen while the later were still missing.
+    """Put another effect in the place of one where that explains more: the first were chosen while the later were still
+    missing.
 
     Those that explain as much are twins: the data cannot tell them apart.
     """

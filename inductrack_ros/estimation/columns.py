@@ -16,7 +16,8 @@ from .structure import Structure
 
 
 def of_parameters(problem: Problem, fit: Fit, effects: Mapping[str, Mapping[str, float]]) -> dict[str, list[Columns]]:
-    """By effect (started at the given values, else where it vanishes), what each of its parameters would do to every run, in typical sizes."""
+    """By effect (started at the given values, else where it vanishes), what each of its parameters would do to every
+    run, in typical sizes."""
     if not effects:
         return {}
     wide = Structure(fit.model, ())
@@ -40,9 +41,16 @@ def of_parameters(problem: Problem, fit: Fit, effects: Mapping[str, Mapping[str,
 
 
 def differences(
-    problem: Problem, structure: Structure, i: int, path: np.ndarray, thetas: np.ndarray, steps: np.ndarray, active: np.ndarray
+    problem: Problem,
+    structure: Structure,
+    i: int,
+    path: np.ndarray,
+    thetas: np.ndarray,
+    steps: np.ndarray,
+    active: np.ndarray,
 ) -> Columns:
-    """Changes of a run's pieces and readings from the first row of thetas (1 + p, g) to each other one, over its step (p,)."""
+    """Changes of a run's pieces and readings from the first row of thetas (1 + p, g) to each other one, over its step
+    (p,)."""
     data = problem.runs[i]
     outputs, ends = pieces(problem, structure, i, thetas, np.zeros((len(thetas), path.shape[1])), path)
     inputs = ((ends[:, 1:] - ends[:, :1]) / steps[:, None]).transpose(0, 2, 1)[:, active]
@@ -82,8 +90,18 @@ def carried(problem: Problem, structure: Structure, i: int, path: np.ndarray) ->
         if k + 1 < len(path):
             state = result[k][None].copy()
             model.kernel.simulate_batch(
-                data.grid[k + 1 : k + 2], float(data.grid[k]), state, P, model.switches[None], model.moving, path[:1, 0].copy(), data.averaged, *data.pulses, 1.0, row
-            )  # fmt: skip
+                data.grid[k + 1 : k + 2],
+                float(data.grid[k]),
+                state,
+                P,
+                model.switches[None],
+                model.moving,
+                path[:1, 0].copy(),
+                data.averaged,
+                *data.pulses,
+                1.0,
+                row,
+            )
             x = state[0]
     return result
 

@@ -26,25 +26,32 @@ def ensemble(
     workers: Threads | Cluster | None = None,
     reduced: Callable[[np.ndarray], np.ndarray] = np.asarray,
 ) -> np.ndarray:
-    """Outputs (runs, n, 15), columns as in `state.OUTPUTS`, of runs by the averaged drive through ``times`` (n,), rising.
+    """Outputs (runs, n, 15), columns as in `state.OUTPUTS`, of runs by the averaged drive through ``times`` (n,),
+    rising.
 
     ``states`` (runs, 8) are where they start, at the first of ``times``; ``parameters`` maps full names (``eta``,
-    ``drive_current``, ``viscous_drag.coefficient``) to (runs,). Each row is what `Model.simulate` gives for it, to the last bit; from `MANY`
-    runs on, which fly side by side, to 1e-9 m. A run that leaves all bounds ends in NaN rows. ``reduced`` is applied to the outputs
-    (jobs, n, 15) where they are made, so that of many runs only what it gives of each, (jobs, …), is kept (a copy: a view would keep all). Raises `InputError` for a
-    name or a shape that does not fit.
-    """
+    ``drive_current``, ``viscous_drag.coefficient``) to (runs,). Each row is what `Model.simulate` gives for it, to the
+    last bit; from `MANY` runs on, which fly side by side, to 1e-9 m. A run that leaves all bounds ends in NaN rows.
+    ``reduced`` is applied to the outputs (jobs, n, 15) where they are made, so that of many runs only what it gives of
+    each, (jobs, …), is kept (a copy: a view would keep all). Raises `InputError` for a name or a shape that does not
+    fit."""
     times, states = np.ascontiguousarray(times, float), np.atleast_2d(np.asarray(states, float))
     if states.shape[1] != 8 or times.ndim != 1 or times.size == 0 or not (np.diff(times) >= 0).all():
-        raise InputError(f"ensemble: states must be (runs, 8) and times rising, got shapes {states.shape} and {times.shape}")
+        raise InputError(
+            f"ensemble: states must be (runs, 8) and times rising, got shapes {states.shape} and {times.shape}"
+        )
     if model.drive != "averaged":
         raise InputError("ensemble: only for drive: averaged; simulate runs by pulses one by one")
-    columns = {name: model.kernel.parameters.index(name) for name in parameters or {} if name in model.kernel.parameters}
+    columns = {
+        name: model.kernel.parameters.index(name) for name in parameters or {} if name in model.kernel.parameters
+    }
     for name, values in (parameters or {}).items():
         if name not in columns:
             raise InputError(f"ensemble: unknown parameter '{name}'{did_you_mean(name, model.kernel.parameters)}")
         if np.shape(values) != (len(states),):
-            raise InputError(f"ensemble: {name} has shape {np.shape(values)}; give one value for each of the {len(states)} runs")
+            raise InputError(
+                f"ensemble: {name} has shape {np.shape(values)}; give one value for each of the {len(states)} runs"
+            )
 
     in_lanes = len(states) >= MANY and not model.switches.any()
 
@@ -65,7 +72,19 @@ def ensemble(
         for i in np.flatnonzero(done < times.size):
             one, rest, began = slice(i, i + 1), slice(done[i], None), times[max(done[i] - 1, 0)]
             model.kernel.simulate_batch(
-                times[rest], began, full[one], P[one], model.switches[None], model.moving, x[one, 0], True, none, none, none, 1.0, out[one, rest]
+                times[rest],
+                began,
+                full[one],
+                P[one],
+                model.switches[None],
+                model.moving,
+                x[one, 0],
+                True,
+                none,
+                none,
+                none,
+                1.0,
+                out[one, rest],
             )
         return reduced(out)
 

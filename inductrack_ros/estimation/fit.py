@@ -1,9 +1,9 @@
 """Least squares over all runs: global parameters and each run's initial state, by Levenberg–Marquardt.
 
-The normal equations have an arrow's shape (each run's initial state meets only its own samples), so the initial states are
-eliminated run by run (Schur complement) and the step costs next to nothing beside the simulations. Where a joint step
-falls short of its promise, each run's initial state is fitted anew beside the new parameters (variable projection).
-"""
+The normal equations have an arrow's shape (each run's initial state meets only its own samples), so the initial states
+are eliminated run by run (Schur complement) and the step costs next to nothing beside the simulations. Where a joint
+step falls short of its promise, each run's initial state is fitted anew beside the new parameters (variable
+projection)."""
 
 from __future__ import annotations
 
@@ -24,18 +24,21 @@ LOST = 1e12
 COARSE = 1e-4
 #: Damping above which a small step proves nothing; steps in a row that win nothing before a fit ends.
 LOOSE, IDLE = 1e-3, 2
-#: Steps of each run by itself after a joint step that fell short of its promise; after how many such steps, one damped more than the other.
+#: Steps of each run by itself after a joint step that fell short of its promise; after how many such steps, one damped
+#: more than the other.
 SETTLE, SETTLED = 4, 2
-#: First of the growing horizons of a fit from scratch (s) and by what they grow: impacts and instability are taken in bit by bit. Those
-#: shorter than ``ENOUGH`` need so many samples; steps that lose the runs are halved down to ``LEAST``.
+#: First of the growing horizons of a fit from scratch (s) and by what they grow: impacts and instability are taken in
+#: bit by bit. Those shorter than ``ENOUGH`` need so many samples; steps that lose the runs are halved down to
+#: ``LEAST``.
 SHORTEST, GROWTH, ENOUGH, SAMPLES, LEAST = 0.04, 1.35, 0.15, 100, 0.02
-#: A fit that leaves so many times the noise's χ² may only be stuck; one that leaves so many has lost the runs, and only their
-#: beginnings still tell anything.
+#: A fit that leaves so many times the noise's χ² may only be stuck; one that leaves so many has lost the runs, and only
+#: their beginnings still tell anything.
 ROUGH, HOPELESS = 1.5, 100.0
-#: Relative error allowed in a stated noise level before its χ² counts as misfit, and standard deviations of χ² that are still noise.
+#: Relative error allowed in a stated noise level before its χ² counts as misfit, and standard deviations of χ² that are
+#: still noise.
 NOISE_TOLERANCE, NOISE = 0.02, 5.0
-#: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these multiples, unless all are
-#: known to this part of themselves by then.
+#: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these
+#: multiples, unless all are known to this part of themselves by then.
 FAR_OFF, MULTIPLES, KNOWN = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0), 0.1
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
@@ -128,14 +131,17 @@ def fit(
     """Fit a structure's free parameters and every run's free initial states.
 
     Starts from ``theta`` and ``states`` where given (else the structure's own values and the first guess). Stops after
-    ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``reuse`` the derivatives by the initial
-    states are taken from there: quick, for a first look at a rival. ``linear`` is the linearisation at the start, if known.
-    With ``settle``, each run's initial state is fitted anew beside the new parameters wherever a step falls short: slower, and
-    it arrives where the valleys are so curved that joint steps creep. ``one_sided`` differences cost half where only the way matters.
-    """
+    ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``reuse`` the derivatives by the
+    initial states are taken from there: quick, for a first look at a rival. ``linear`` is the linearisation at the
+    start, if known. With ``settle``, each run's initial state is fitted anew beside the new parameters wherever a step
+    falls short: slower, and it arrives where the valleys are so curved that joint steps creep. ``one_sided``
+    differences cost half where only the way matters."""
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     theta = np.clip(theta, *structure.bounds)
-    states = [np.array(s if s is not None else d.guess) for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)]
+    states = [
+        np.array(s if s is not None else d.guess)
+        for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)
+    ]
     damping, of_runs, converged, idle = 1e-3, np.full(len(states), 1e-3), False, 0
     if linear is None:
         linear = problem.linearise(structure, theta, states, reuse, one_sided=one_sided)
@@ -172,7 +178,9 @@ def fit(
         if reuse is not None and (converged or not left):  # a quick look ends with derivatives one step old
             linear = [replace(part, residual=r) for part, r in zip(linear, now.residuals, strict=True)]
         else:
-            linear = problem.linearise(structure, now.theta, now.states, reuse, linear if reuse is not None else None, one_sided)
+            linear = problem.linearise(
+                structure, now.theta, now.states, reuse, linear if reuse is not None else None, one_sided
+            )
         if converged:
             break
     chi2 = chi_square([part.residual for part in linear])
@@ -181,7 +189,8 @@ def fit(
 
 @dataclass(frozen=True)
 class _Point:
-    """Where a fit stands: ``each`` (runs,) is χ² of each run and of its initial state's prior, ``cost`` all of it and theta's."""
+    """Where a fit stands: ``each`` (runs,) is χ² of each run and of its initial state's prior, ``cost`` all of it and
+    theta's."""
 
     theta: np.ndarray
     states: list[np.ndarray]
@@ -190,14 +199,22 @@ class _Point:
     cost: float
 
 
-def _point(problem: Problem, structure: Structure, theta: np.ndarray, states: list[np.ndarray], residuals: list[np.ndarray] | None = None) -> _Point:
+def _point(
+    problem: Problem,
+    structure: Structure,
+    theta: np.ndarray,
+    states: list[np.ndarray],
+    residuals: list[np.ndarray] | None = None,
+) -> _Point:
     residuals = problem.residuals(structure, theta, states) if residuals is None else residuals
     prior = [((x - d.guess) / STATE_PRIOR)[d.free_states] for x, d in zip(states, problem.runs, strict=True)]
     each = np.array([chi_square([r]) + p @ p for r, p in zip(residuals, prior, strict=True)])
     return _Point(theta, states, residuals, each, float(each.sum()) + structure.surprise(theta))
 
 
-def _moved(problem: Problem, structure: Structure, now: _Point, step, local, gain: float, settle: bool) -> tuple[_Point, np.ndarray]:
+def _moved(
+    problem: Problem, structure: Structure, now: _Point, step, local, gain: float, settle: bool
+) -> tuple[_Point, np.ndarray]:
     """The point a step further, and which runs (runs,) fared better for moving.
 
     Where the step falls short of the ``gain`` it promises (curved valleys), a run that fares better where it was stays
@@ -211,14 +228,21 @@ def _moved(problem: Problem, structure: Structure, now: _Point, step, local, gai
     better = moved.each < stayed.each
     states = [a if b else x for a, x, b in zip(moved.states, stayed.states, better, strict=True)]
     if settle and len(theta):
-        return _point(problem, structure, theta, _settled(problem, Structure(structure.with_theta(theta), ()), states)), better
+        return (
+            _point(problem, structure, theta, _settled(problem, Structure(structure.with_theta(theta), ()), states)),
+            better,
+        )
     residuals = [a if b else x for a, x, b in zip(moved.residuals, stayed.residuals, better, strict=True)]
     return _point(problem, structure, theta, states, residuals), better
 
 
 def within_bounds(part: Linearisation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of one run that are within all bounds: residual, derivatives by theta and by the free states."""
-    rows = (np.abs(part.residual) < LOST) & (np.abs(part.by_theta) < LOST).all(axis=1) & (np.abs(part.by_state) < LOST).all(axis=1)  # not where NaN
+    rows = (
+        (np.abs(part.residual) < LOST)
+        & (np.abs(part.by_theta) < LOST).all(axis=1)
+        & (np.abs(part.by_state) < LOST).all(axis=1)
+    )  # not where NaN
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
 
 
@@ -234,7 +258,8 @@ def _settled(problem: Problem, held: Structure, states: Sequence[np.ndarray]) ->
 
 
 def _solve(problem, linear, theta, structure, states, damping, of_runs):
-    """Step of theta and of each run's states and the fall in cost it promises, theta damped by ``damping``, the states of each run by ``of_runs``."""
+    """Step of theta and of each run's states and the fall in cost it promises, theta damped by ``damping``, the states
+    of each run by ``of_runs``."""
     g = len(theta)
     low, high = structure.bounds
     A = structure.precision.copy()
@@ -297,18 +322,24 @@ def _covariance(structure, linear) -> np.ndarray:
 
 
 def rough_fit(
-    problem: Problem, structure: Structure, states: Sequence[np.ndarray] | None = None, theta: np.ndarray | None = None, settle: bool = True
+    problem: Problem,
+    structure: Structure,
+    states: Sequence[np.ndarray] | None = None,
+    theta: np.ndarray | None = None,
+    settle: bool = True,
 ) -> Fit:
     """A fit good enough to go on from, over a longer horizon."""
     return fit(problem, structure, states, theta, iterations=8, tolerance=1.0, settle=settle)
 
 
-def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray | None = None, thorough: bool = True) -> Fit:
+def fit_from_scratch(
+    problem: Problem, structure: Structure, theta: np.ndarray | None = None, thorough: bool = True
+) -> Fit:
     """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability.
 
-    Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact makes them jump.
-    Unless it is to be ``thorough`` it does not care for more than a rough fit once the runs are lost, for then the model is wrong.
-    """
+    Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact
+    makes them jump. Unless it is to be ``thorough`` it does not care for more than a rough fit once the runs are lost,
+    for then the model is wrong."""
     near = _approach(problem, structure, theta, thorough)
     if near and near.rough and not thorough:
         return fit(problem, structure, near.states, near.theta, iterations=8)
@@ -318,8 +349,8 @@ def fit_from_scratch(problem: Problem, structure: Structure, theta: np.ndarray |
 
 
 def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, thorough: bool) -> Fit | None:
-    """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless, or only rough if it need not be
-    ``thorough``; None where the runs are too short for any."""
+    """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless, or only rough if it
+    need not be ``thorough``; None where the runs are too short for any."""
     near, states, far = None, None, theta is None
     ladder = Ladder(growing(problem)[:-1])
     while ladder.horizons:
@@ -331,7 +362,9 @@ def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, 
             continue
         if np.isfinite(step.chi2):
             near, states, theta = step, step.states, step.theta
-            far = far and any(s > KNOWN * abs(v) for s, v in zip(step.deviations.values(), step.values.values(), strict=True))
+            far = far and any(
+                s > KNOWN * abs(v) for s, v in zip(step.deviations.values(), step.values.values(), strict=True)
+            )
         if step.hopeless or step.rough and not thorough:
             break
         ladder.climb()
@@ -350,7 +383,8 @@ class Ladder:
         self.reached = self.horizons.pop(0)
 
     def halved(self) -> bool:
-        """Go only halfway, for the next loses the runs; False where that is not worth a step any more, or nothing has been reached."""
+        """Go only halfway, for the next loses the runs; False where that is not worth a step any more, or nothing has
+        been reached."""
         if not self.reached or self.horizons[0] - self.reached <= LEAST:
             return False
         self.horizons.insert(0, 0.5 * (self.reached + self.horizons[0]))
@@ -375,4 +409,3 @@ def _far_starts(problem: Problem, structure: Structure) -> list[Fit]:
             if structure.value(name) and structure.declarations[k].low <= values[k] <= structure.declarations[k].high:
                 fits.append(fit(problem, structure, theta=structure.encode(values), iterations=8, tolerance=1.0))
     return fits
-

@@ -36,9 +36,9 @@ IMPLAUSIBLE = 1e-4
 class Fit:
     """Best values of the free parameters (p,), and what the data say about them.
 
-    ``jacobian`` (n, p) is that of the residuals; ``misfit`` is the sum of their squares; ``covariance`` (p, p) is that of the linearised problem at the best values; ``noise`` multiplies
-    the residuals' unit (1 where the noise was known). ``nelder_mead`` (p,) is the paper's method's answer to the same question.
-    """
+    ``jacobian`` (n, p) is that of the residuals; ``misfit`` is the sum of their squares; ``covariance`` (p, p) is that
+    of the linearised problem at the best values; ``noise`` multiplies the residuals' unit (1 where the noise was
+    known). ``nelder_mead`` (p,) is the paper's method's answer to the same question."""
 
     free: tuple[str, ...]
     values: Array
@@ -65,12 +65,14 @@ class Fit:
 
     @property
     def chance(self) -> float:
-        """Probability of residuals this large or larger from the stated noise alone; 1 where the noise was estimated."""
+        """Probability of residuals this large or larger from the stated noise alone; 1 where the noise was
+        estimated."""
         return float(stats.chi2.sf(self.misfit, self.degrees)) if self.noise_known and self.degrees > 0 else 1.0
 
     @property
     def threshold(self) -> float:
-        """By how much the misfit may rise inside the 95 % interval of one parameter (χ², or F where the noise was estimated)."""
+        """By how much the misfit may rise inside the 95 % interval of one parameter (χ², or F where the noise was
+        estimated)."""
         if self.noise_known:
             return float(stats.chi2.ppf(LEVEL, 1))
         return float(self.noise**2 * stats.f.ppf(LEVEL, 1, self.degrees))
@@ -106,9 +108,16 @@ class Identification:
         """Minimise over all coordinates from u; returns u, the residuals (n,) and the Jacobian (n, p)."""
         inside = np.clip(u, self.low + 1e-9, self.high - 1e-9)
         found = optimize.least_squares(
-            self._residuals, inside, jac="3-point" if precise else "2-point", diff_step=1e-5 if precise else 1e-6,
-            bounds=(self.low, self.high), xtol=1e-10 if precise else 1e-5, ftol=1e-9 if precise else 1e-4, gtol=1e-14, max_nfev=60,
-        )  # fmt: skip
+            self._residuals,
+            inside,
+            jac="3-point" if precise else "2-point",
+            diff_step=1e-5 if precise else 1e-6,
+            bounds=(self.low, self.high),
+            xtol=1e-10 if precise else 1e-5,
+            ftol=1e-9 if precise else 1e-4,
+            gtol=1e-14,
+            max_nfev=60,
+        )
         return found.x, found.fun, found.jac
 
     def _held(self, u: Array, held: int, jacobian: Array, tolerance: float) -> tuple[Array, float]:
@@ -151,7 +160,8 @@ class Identification:
         return jacobian
 
     def fit(self, nelder_mead: bool = True) -> Fit:
-        """Fit by least squares, and by Nelder–Mead from the same start unless told not to. Raises `InputError` where data cannot decide at all."""
+        """Fit by least squares, and by Nelder–Mead from the same start unless told not to. Raises `InputError` where
+        data cannot decide at all."""
         u0 = self.start / self.unit
         rough, _, _ = self._least_squares(u0, precise=False)
         best, residuals, jacobian = self._least_squares(rough)
@@ -177,13 +187,23 @@ class Identification:
         normal = jacobian.T @ jacobian
         unit = np.outer(self.unit, self.unit)
         return Fit(
-            self.misfit.free, best * self.unit, jacobian / self.unit, _inverse(normal) * unit * noise**2, float(residuals @ residuals), noise,
-            degrees, self.misfit.noise_known, residuals, self.start,
-            None if simplex is None else simplex * self.unit, counts,
-        )  # fmt: skip
+            self.misfit.free,
+            best * self.unit,
+            jacobian / self.unit,
+            _inverse(normal) * unit * noise**2,
+            float(residuals @ residuals),
+            noise,
+            degrees,
+            self.misfit.noise_known,
+            residuals,
+            self.start,
+            None if simplex is None else simplex * self.unit,
+            counts,
+        )
 
     def _nelder_mead(self, u: Array) -> Array:
-        """Nelder–Mead, started afresh where it stopped until that no longer helps: a simplex that has collapsed in a valley stops early."""
+        """Nelder–Mead, started afresh where it stopped until that no longer helps: a simplex that has collapsed in a
+        valley stops early."""
         best, size = np.inf, 0.1
         for _ in range(12):
             simplex = np.vstack([u, u + size * np.diag(np.where(u != 0, u, 1.0))])
@@ -200,7 +220,8 @@ class Identification:
     # -- how well ----------------------------------------------------------------------------------------------
 
     def rise(self, fit: Fit, name: str, value: float, near: Array | None = None) -> tuple[float, Array]:
-        """How much the least misfit rises when ``name`` is held at ``value``, and where the others (all, (p,)) then are."""
+        """How much the least misfit rises when ``name`` is held at ``value``, and where the others (all, (p,)) then
+        are."""
         i = fit.free.index(name)
         if near is None:
             near = self._along(fit, i, fit.values, value - fit.values[i])
@@ -215,11 +236,13 @@ class Identification:
         return np.clip(there, self.low * self.unit, self.high * self.unit)
 
     def covers(self, fit: Fit, name: str, value: float) -> bool:
-        """Whether ``value`` lies in the 95 % profile-likelihood interval of ``name``, without computing the interval's ends."""
+        """Whether ``value`` lies in the 95 % profile-likelihood interval of ``name``, without computing the interval's
+        ends."""
         return self.rise(fit, name, value)[0] <= fit.threshold
 
     def profile(self, fit: Fit, name: str, points: int = 7) -> Profile:
-        """Profile likelihood of one parameter, out to where it has left the 95 % interval on both sides, or to `REACH`."""
+        """Profile likelihood of one parameter, out to where it has left the 95 % interval on both sides, or to
+        `REACH`."""
         i = fit.free.index(name)
         declared = self.misfit.declared[i]
         centre, std = float(fit.values[i]), float(fit.std[i])
@@ -308,7 +331,8 @@ def _crossing(values: Array, rises: Array, centre: float, limit: float, side: in
 
 @dataclass(frozen=True)
 class Valley:
-    """Best and worst determined combination Π θ^w of the parameters: exponents (p,), the largest being 1, and relative std."""
+    """Best and worst determined combination Π θ^w of the parameters: exponents (p,), the largest being 1, and relative
+    std."""
 
     best_exponents: Array
     best_std: float
@@ -317,7 +341,8 @@ class Valley:
 
 
 def valley(fit: Fit) -> Valley | None:
-    """Directions of the misfit's valley in relative changes of the parameters; None for one parameter or where one is zero."""
+    """Directions of the misfit's valley in relative changes of the parameters; None for one parameter or where one is
+    zero."""
     if len(fit.values) < 2 or not fit.values.all():
         return None
     relative = fit.covariance / np.outer(fit.values, fit.values)
@@ -345,7 +370,10 @@ def verdict(fit: Fit, profiles: Sequence[Profile]) -> str:
     wrong = ""
     if fit.chance < IMPLAUSIBLE:
         ratio = math.sqrt(fit.misfit / fit.degrees)
-        wrong = f"The model does not fit: the residuals are {ratio:.2g} times what the stated noise allows. It misses something, or the measurements contradict each other. "
+        wrong = (
+            f"The model does not fit: the residuals are {ratio:.2g} times what the stated noise allows. It misses"
+            " something, or the measurements contradict each other. "
+        )
     flat = [p for p in profiles if p.flat]
     if flat:
         names = [_SYMBOLS.get(p.name, p.name) for p in flat]

@@ -4,9 +4,10 @@ The run is cut at its nodes t_0 < t_1 < …. About a trajectory x_k the deviatio
 
     δ_{k+1} = Φ_k δ_k + U_k (1, θ) + w_k,    w_k ~ N(0, Q_k),        y_k = H_k δ_k + Y-columns (1, θ) + e,  e ~ N(0, R),
 
-with all measurements scaled to unit noise. Column 0 of ``inputs`` and ``data`` is what the trajectory itself leaves (defects,
-residuals); the others are derivatives by parameters θ. The filter carries one mean for each column, so that its innovations are
-a regression of white noise on whitened columns (augmented Kalman filter, de Jong 1991), and Q = 0 is the deterministic fit.
+with all measurements scaled to unit noise. Column 0 of ``inputs`` and ``data`` is what the trajectory itself leaves
+(defects, residuals); the others are derivatives by parameters θ. The filter carries one mean for each column, so that
+its innovations are a regression of white noise on whitened columns (augmented Kalman filter, de Jong 1991), and Q = 0
+is the deterministic fit.
 
 Measurements are taken in one by one by Potter's square-root update; disturbances by Householder triangularisation. The
 smoother is Bryson and Frazier's in its modified form (Bierman 1973), which never inverts Q or a covariance.
@@ -25,13 +26,13 @@ import numpy as np
 class LinearRun:
     """A run about a trajectory of n nodes; N states, m measurements, columns c = 1 + g.
 
-    ``first`` (n + 1,): the measurements of node k are first[k]:first[k + 1]. ``sensitivity`` (m, N), ``data`` (m, c), ``variance`` (m,) in
-    units of the stated noise; ``transitions`` (n, N, N) and ``inputs`` (n, N, c) lead to the next node (the last is not used); ``spacing``
-    (n,) s; ``start_root`` (N, N) a square root of the initial covariance, ``start_mean`` (N, c); ``kicks`` (n, N) variances of white
-    disturbances of each state on the way to the next node, beside those of the accelerations; ``touching`` (n,) where the cradle is in
-    contact on that way; ``late`` (m, 4) what the coordinates' rates add to a reading because it is of another moment; ``struck`` (m,)
-    readings that show what an impact changes.
-    """
+    ``first`` (n + 1,): the measurements of node k are first[k]:first[k + 1]. ``sensitivity`` (m, N), ``data`` (m, c),
+    ``variance`` (m,) in units of the stated noise; ``transitions`` (n, N, N) and ``inputs`` (n, N, c) lead to the next
+    node (the last is not used); ``spacing`` (n,) s; ``start_root`` (N, N) a square root of the initial covariance,
+    ``start_mean`` (N, c); ``kicks`` (n, N) variances of white disturbances of each state on the way to the next node,
+    beside those of the accelerations; ``touching`` (n,) where the cradle is in contact on that way; ``late`` (m, 4)
+    what the coordinates' rates add to a reading because it is of another moment; ``struck`` (m,) readings that show
+    what an impact changes."""
 
     first: np.ndarray
     sensitivity: np.ndarray
@@ -49,14 +50,16 @@ class LinearRun:
 
     @property
     def scored(self) -> np.ndarray:
-        """Readings (m,) that count. What an impact changes is only conditioned on during a contact (a partial likelihood, Cox 1975)."""
+        """Readings (m,) that count. What an impact changes is only conditioned on during a contact (a partial
+        likelihood, Cox 1975)."""
         node = np.repeat(np.arange(len(self.spacing)), np.diff(self.first))
         return ~(self.touching[node] & self.struck)
 
 
 @dataclass(frozen=True)
 class Columns:
-    """What small causes do to one run: ``inputs`` (n, N, c) to the state between nodes and ``data`` (m, c) to the readings over noise."""
+    """What small causes do to one run: ``inputs`` (n, N, c) to the state between nodes and ``data`` (m, c) to the
+    readings over noise."""
 
     inputs: np.ndarray
     data: np.ndarray
@@ -64,7 +67,9 @@ class Columns:
     @staticmethod
     def beside(parts: Sequence[Columns]) -> Columns:
         """The columns of several side by side."""
-        return Columns(np.concatenate([p.inputs for p in parts], axis=2), np.concatenate([p.data for p in parts], axis=1))
+        return Columns(
+            np.concatenate([p.inputs for p in parts], axis=2), np.concatenate([p.data for p in parts], axis=1)
+        )
 
 
 @dataclass(frozen=True)
@@ -92,10 +97,10 @@ class Filtered:
 class Smoothed:
     """Deviations (n, N) of the nodes and what the data say of the disturbances.
 
-    ``adjoint`` (n, N) is the smoother's; the disturbance that leads to node k is Q_{k-1} times it. ``found`` and ``expected`` (4,) are
-    tr(∂Q/∂q λλᵀ) and its expectation: twice the log likelihood's derivative by a power q is found − expected. The same by the
-    logarithm of a variance: of a state's kicks and start, ``of_states`` (2, N) (found, expected), and of a reading, ``of_readings`` (2, m).
-    """
+    ``adjoint`` (n, N) is the smoother's; the disturbance that leads to node k is Q_{k-1} times it. ``found`` and
+    ``expected`` (4,) are tr(∂Q/∂q λλᵀ) and its expectation: twice the log likelihood's derivative by a power q is found
+    − expected. The same by the logarithm of a variance: of a state's kicks and start, ``of_states`` (2, N) (found,
+    expected), and of a reading, ``of_readings`` (2, m)."""
 
     deviations: np.ndarray
     adjoint: np.ndarray
@@ -106,15 +111,30 @@ class Smoothed:
 
 
 def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
-    """Filter a run with disturbances of ``power`` (4,), the spectral density (two-sided) of a white acceleration in each coordinate, m²/s³ or rad²/s³."""
+    """Filter a run with disturbances of ``power`` (4,), the spectral density (two-sided) of a white acceleration in
+    each coordinate, m²/s³ or rad²/s³."""
     m, n_states = run.sensitivity.shape
     n, columns = len(run.spacing), run.data.shape[1]
     innovations, variances, gains = np.empty((m, columns)), np.empty(m), np.empty((m, n_states))
     roots, means = np.empty((n, n_states, n_states)), np.empty((n, n_states, columns))
     _filter(
-        run.first, run.sensitivity, run.data, run.variance, run.transitions, run.inputs, run.spacing, run.start_root, run.start_mean,
-        run.kicks, np.asarray(power, float), innovations, variances, gains, roots, means,
-    )  # fmt: skip
+        run.first,
+        run.sensitivity,
+        run.data,
+        run.variance,
+        run.transitions,
+        run.inputs,
+        run.spacing,
+        run.start_root,
+        run.start_mean,
+        run.kicks,
+        np.asarray(power, float),
+        innovations,
+        variances,
+        gains,
+        roots,
+        means,
+    )
     return Filtered(innovations, variances, gains, roots, means)
 
 
@@ -125,15 +145,31 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
     found, expected = np.zeros(4), np.zeros(4)
     of_states, of_readings = np.zeros((2, deviations.shape[1])), np.zeros((2, len(run.variance)))
     _smoother(
-        run.first, run.sensitivity, run.variance, run.transitions, run.spacing, run.kicks, filtered.innovations @ weights,
-        filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights, deviations, adjoint, found, expected, of_states, of_readings,
-    )  # fmt: skip
+        run.first,
+        run.sensitivity,
+        run.variance,
+        run.transitions,
+        run.spacing,
+        run.kicks,
+        filtered.innovations @ weights,
+        filtered.variances,
+        filtered.gains,
+        filtered.roots,
+        filtered.means @ weights,
+        deviations,
+        adjoint,
+        found,
+        expected,
+        of_states,
+        of_readings,
+    )
     return Smoothed(deviations, adjoint, found, expected, of_states, of_readings)
 
 
 @numba.njit(cache=True, nogil=True)
 def _triangularised(a, rows, columns):
-    """Householder reflections from the right make ``a`` (rows, columns) lower triangular in its first ``rows`` columns."""
+    """Householder reflections from the right make ``a`` (rows, columns) lower triangular in its first ``rows``
+    columns."""
     for i in range(rows):
         norm = 0.0
         for j in range(i, columns):
@@ -163,7 +199,24 @@ def _triangularised(a, rows, columns):
 
 
 @numba.njit(cache=True, nogil=True)
-def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean, kicks, power, innovations, variances, gains, roots, means):
+def _filter(
+    first,
+    H,
+    Y,
+    R,
+    transitions,
+    inputs,
+    spacing,
+    start_root,
+    start_mean,
+    kicks,
+    power,
+    innovations,
+    variances,
+    gains,
+    roots,
+    means,
+):
     n, N = transitions.shape[0], transitions.shape[1]
     columns = Y.shape[1]
     S, C = start_root.copy(), start_mean.copy()
@@ -239,7 +292,23 @@ def _filter(first, H, Y, R, transitions, inputs, spacing, start_root, start_mean
 
 @numba.njit(cache=True, nogil=True)
 def _smoother(
-    first, H, R, transitions, spacing, kicks, nu, variances, gains, roots, mean, deviations, adjoint, found, expected, of_states, of_readings
+    first,
+    H,
+    R,
+    transitions,
+    spacing,
+    kicks,
+    nu,
+    variances,
+    gains,
+    roots,
+    mean,
+    deviations,
+    adjoint,
+    found,
+    expected,
+    of_states,
+    of_readings,
 ):
     n, N = transitions.shape[0], transitions.shape[1]
     lam, before = np.zeros(N), np.zeros(N)

@@ -30,7 +30,8 @@ TOLERANCE = 0.5
 @dataclass(frozen=True)
 class Point:
     """Where a fit stands: theta (g,), each run's trajectory (n, N), the disturbances' power (4,), the processes beside
-    them, where each run touches the track (n,), once that is settled, and whether contact is taken ``exactly`` (see `exactly`)."""
+    them, where each run touches the track (n,), once that is settled, and whether contact is taken ``exactly`` (see
+    `exactly`)."""
 
     theta: np.ndarray
     paths: tuple[np.ndarray, ...]
@@ -42,7 +43,8 @@ class Point:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the data say at a point: twice the negative log likelihood, whitened residuals of each run and their columns by theta."""
+    """What the data say at a point: twice the negative log likelihood, whitened residuals of each run and their columns
+    by theta."""
 
     deviance: float
     chi2: float
@@ -52,8 +54,11 @@ class Evidence:
     covariance: np.ndarray
 
 
-def weigh(problem: Problem, structure: Structure, systems: Sequence[LinearRun], theta: np.ndarray, power: np.ndarray) -> Evidence:
-    """The likelihood of linear runs at a power of the disturbances, theta's best step (g,) within its bounds, and its covariance (g, g)."""
+def weigh(
+    problem: Problem, structure: Structure, systems: Sequence[LinearRun], theta: np.ndarray, power: np.ndarray
+) -> Evidence:
+    """The likelihood of linear runs at a power of the disturbances, theta's best step (g,) within its bounds, and its
+    covariance (g, g)."""
     shaken = np.where(power > NO_POWER, power, 0.0)
     filtered = tuple(problem.for_runs(lambda i: run_filter(systems[i], shaken)))
     g = len(theta)
@@ -81,7 +86,9 @@ def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structu
     for _ in range(len(theta) + 1):
         step[~free & (step == 0.0)] = 0.0
         if free.any():
-            step[free] = np.linalg.lstsq(A[np.ix_(free, free)], b[free] - A[np.ix_(free, ~free)] @ step[~free], rcond=1e-14)[0]
+            step[free] = np.linalg.lstsq(
+                A[np.ix_(free, free)], b[free] - A[np.ix_(free, ~free)] @ step[~free], rcond=1e-14
+            )[0]
         over = free & ((theta + step < low) | (theta + step > high))
         if not over.any():
             break
@@ -92,7 +99,8 @@ def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structu
 
 @dataclass(frozen=True)
 class Settled:
-    """Linear runs with the disturbances that suit them: their power (4,) and processes, what the data say there, and where they lead."""
+    """Linear runs with the disturbances that suit them: their power (4,) and processes, what the data say there, and
+    where they lead."""
 
     power: np.ndarray
     processes: tuple[Process, ...]
@@ -108,9 +116,9 @@ def settle(
 ) -> Settled:
     """The disturbances' power and the processes' sizes that make linear runs about a point most likely.
 
-    A fixed-point iteration of all variances in their logarithm (MacKay 1992), its steps lengthened as the last two tell (secant).
-    With ``follow`` it ends where a variance is so far from its place that the trajectories have to follow first.
-    """
+    A fixed-point iteration of all variances in their logarithm (MacKay 1992), its steps lengthened as the last two tell
+    (secant). With ``follow`` it ends where a variance is so far from its place that the trajectories have to follow
+    first."""
     power, processes, before, last = np.maximum(point.power, NO_POWER), point.processes, None, np.inf
     n_states = plain[0].transitions.shape[1]
     for left in reversed(range(passes)):
@@ -127,8 +135,11 @@ def settle(
     return Settled(power, processes, systems, evidence, smooth, *new)
 
 
-def variance_ratio(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int) -> np.ndarray:
-    """Log of what the data show of each disturbance and process over what its variance would make them show, (4 + p,); 0 at the likeliest."""
+def variance_ratio(
+    problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int
+) -> np.ndarray:
+    """Log of what the data show of each disturbance and process over what its variance would make them show, (4 + p,);
+    0 at the likeliest."""
     found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
     of_processes = told(problem, processes, smooth, n_states)
     found, expected = np.concatenate([found, of_processes[0]]), np.concatenate([expected, of_processes[1]])
@@ -136,7 +147,8 @@ def variance_ratio(problem: Problem, processes: Sequence[Process], smooth: Seque
 
 
 def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """Variances nearer to the likeliest from their `variance_ratio`, and that ``before`` at others, where there was one."""
+    """Variances nearer to the likeliest from their `variance_ratio`, and that ``before`` at others, where there was
+    one."""
     reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
     if before is not None:
         moved, change = np.log(values / before[0]), before[1] - ratio
@@ -147,13 +159,20 @@ def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np
 
 
 def cost(
-    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, power: np.ndarray, system: LinearRun,
+    problem: Problem,
+    structure: Structure,
+    i: int,
+    theta: np.ndarray,
+    path: np.ndarray,
+    power: np.ndarray,
+    system: LinearRun,
     beside: tuple[np.ndarray, np.ndarray],
-) -> float:  # fmt: skip
-    """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and its start, squared.
+) -> float:
+    """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and
+    its start, squared.
 
-    The ``system`` has the readings' variances and the kicks; ``beside`` is what processes add to them (m,) and to the way to the next node (n, N).
-    """
+    The ``system`` has the readings' variances and the kicks; ``beside`` is what processes add to them (m,) and to the
+    way to the next node (n, N)."""
     data = problem.runs[i]
     outputs, ends = pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
     if not np.isfinite(ends).all():

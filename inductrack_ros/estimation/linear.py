@@ -1,4 +1,5 @@
-"""A run as a linear system about a trajectory: residuals, defects and their derivatives by states, parameters and force histories."""
+"""A run as a linear system about a trajectory: residuals, defects and their derivatives by states, parameters and force
+histories."""
 
 from __future__ import annotations
 
@@ -32,14 +33,17 @@ class Fitted(Protocol):
 
 
 def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> LinearRun:
-    """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it. Its states are the active ones."""
+    """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it. Its states
+    are the active ones."""
     data, model = problem.runs[i], structure.model
     active = model.active_states
     n, A, g = len(path), len(active), len(theta)
     steps = np.where(theta + THETA_STEP <= structure.bounds[1], THETA_STEP, -THETA_STEP)
     single, of_sensors, _ = _kinds(structure)
     thetas = np.vstack([np.tile(theta, (1 + A, 1)), theta + np.diag(steps)[single]])
-    by_state = np.concatenate([STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, active[8:]]).max(axis=0, initial=0.0))])
+    by_state = np.concatenate(
+        [STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, active[8:]]).max(axis=0, initial=0.0))]
+    )
     offsets = np.zeros((len(thetas), path.shape[1]))
     offsets[1 + np.arange(A), active] = by_state
     outputs, ends = pieces(problem, structure, i, thetas, offsets, path)
@@ -59,14 +63,30 @@ def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray,
     sensitivity = ((readings[1 : 1 + A] - readings[0]) * weight).T / by_state
     late = _late(problem, structure, i, outputs, theta, readings, by_state) * weight[:, None]
     sensitivity[:, 4:8] += late
-    known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(axis=1)  # a late sensor's first readings are of before the run
-    sensitivity[~known], y[~known], y[~known, 0] = 0.0, 0.0, 1.0  # it tells nothing and is as far off as noise is: no gain
+    known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(
+        axis=1
+    )  # a late sensor's first readings are of before the run
+    sensitivity[~known], y[~known], y[~known, 0] = (
+        0.0,
+        0.0,
+        1.0,
+    )  # it tells nothing and is as far off as noise is: no gain
     root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
     return LinearRun(
-        np.searchsorted(data.row, np.arange(n + 1)), sensitivity, y, problem.variance(i),
-        (ends[:, 1 : 1 + A] - ends[:, :1]).transpose(0, 2, 1) / by_state, inputs, np.append(np.diff(data.grid), 0.0), root, mean, np.zeros((n, A)),
-        _touching(model, outputs[:, 0]), late, _struck(data),
-    )  # fmt: skip
+        np.searchsorted(data.row, np.arange(n + 1)),
+        sensitivity,
+        y,
+        problem.variance(i),
+        (ends[:, 1 : 1 + A] - ends[:, :1]).transpose(0, 2, 1) / by_state,
+        inputs,
+        np.append(np.diff(data.grid), 0.0),
+        root,
+        mean,
+        np.zeros((n, A)),
+        _touching(model, outputs[:, 0]),
+        late,
+        _struck(data),
+    )
 
 
 def _struck(data: RunData) -> np.ndarray:
@@ -75,12 +95,19 @@ def _struck(data: RunData) -> np.ndarray:
 
 
 def _late(
-    problem: Problem, structure: Structure, i: int, outputs: np.ndarray, theta: np.ndarray, readings: np.ndarray, by_state: np.ndarray
+    problem: Problem,
+    structure: Structure,
+    i: int,
+    outputs: np.ndarray,
+    theta: np.ndarray,
+    readings: np.ndarray,
+    by_state: np.ndarray,
 ) -> np.ndarray:
-    """What a rate of each coordinate adds to readings (m, 4) of sensors that look at another moment than that of their stamp.
+    """What a rate of each coordinate adds to readings (m, 4) of sensors that look at another moment than that of their
+    stamp.
 
-    A reading of the coordinate δ ago is less by δ times its rate. A ramp through the run tells δ: it reads as the time less δ.
-    """
+    A reading of the coordinate δ ago is less by δ times its rate. A ramp through the run tells δ: it reads as the time
+    less δ."""
     data = problem.runs[i]
     found = np.zeros((len(data.y), 4))
     if not structure.sensors.channels:
@@ -94,7 +121,8 @@ def _late(
 
 
 def _touching(model: Model, outputs: np.ndarray) -> np.ndarray:
-    """Whether the cradle touches the track at a node or the next (n,), from the nodes' outputs (n, 15); a track without stiffness is none."""
+    """Whether the cradle touches the track at a node or the next (n,), from the nodes' outputs (n, 15); a track without
+    stiffness is none."""
     if not model.parameters["contact_stiffness"]:
         return np.zeros(len(outputs), bool)
     near = np.nan_to_num(outputs[:, [INDEX[g] for g in GAPS]]).min(axis=1) < NEARLY_TOUCHING
@@ -108,7 +136,9 @@ def _kinds(structure: Structure) -> tuple[list[int], list[int], list[int]]:
     return single, [k for k, column in enumerate(structure.columns) if column is None], tabled
 
 
-def _table_forces(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, effect: str) -> np.ndarray:
+def _table_forces(
+    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, effect: str
+) -> np.ndarray:
     """Force histories (n, 4, l) of the entries of a stand-in's table, each of its typical size, along a trajectory."""
     values, mine = structure.model.effects[effect], structure.tables[effect]
     u = np.ascontiguousarray(histories(problem.runs[i], path)[VARIABLES[int(values["variable"])]])
@@ -116,7 +146,9 @@ def _table_forces(problem: Problem, structure: Structure, i: int, theta: np.ndar
     return acting(problem, structure, i, theta, path, effect.removeprefix("stand_in_"), shapes)
 
 
-def acting(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, on: str, shapes: np.ndarray) -> np.ndarray:
+def acting(
+    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, on: str, shapes: np.ndarray
+) -> np.ndarray:
     """Force histories (n, 4, l) of shapes (n, l) that act on a coordinate (N, N·m), or on the thrust (shares of it)."""
     forces = np.zeros((len(path), 4, shapes.shape[1]))
     if on == "thrust":
@@ -131,7 +163,9 @@ def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarra
     model, small = structure.model, 1e-4
     free = Structure(structure.with_theta(theta), ("gamma",))
     gamma = free.start
-    moved = free.encode([model.parameters["gamma"] * (1 + small)]) if "gamma" not in structure.free else gamma * (1 + small)
+    moved = (
+        free.encode([model.parameters["gamma"] * (1 + small)]) if "gamma" not in structure.free else gamma * (1 + small)
+    )
     _, ends = pieces(problem, free, i, np.vstack([gamma, moved]), np.zeros((2, path.shape[1])), path)
     T = np.diff(problem.runs[i].grid)
     thrust = model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (small * T)
@@ -140,7 +174,10 @@ def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarra
 
 def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
     """Histories (n,) of what a force may depend on along a trajectory (n, N) of a run."""
-    found = {s: path[:, k] for k, s in enumerate(STATES)} | {"time": data.grid, "drive": np.full(len(path), data.run.drive_current)}
+    found = {s: path[:, k] for k, s in enumerate(STATES)} | {
+        "time": data.grid,
+        "drive": np.full(len(path), data.run.drive_current),
+    }
     return {v: np.ascontiguousarray(found[v]) for v in VARIABLES}
 
 
@@ -162,20 +199,33 @@ def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.nda
 def pieces(
     problem: Problem, structure: Structure, i: int, thetas: np.ndarray, offsets: np.ndarray, path: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's offsets and theta."""
+    """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's
+    offsets and theta."""
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, thetas)
     outputs, ends = np.empty((len(path), len(offsets), len(OUTPUTS))), np.empty((len(path), *offsets.shape))
     model.kernel.linearise_pieces(
-        data.grid, np.ascontiguousarray(path), offsets, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
-        outputs, ends,
-    )  # fmt: skip
+        data.grid,
+        np.ascontiguousarray(path),
+        offsets,
+        P,
+        model.switches,
+        model.moving,
+        float(path[0, 0]),
+        data.averaged,
+        *data.pulses,
+        1.0,
+        outputs,
+        ends,
+    )
     return outputs, ends
 
 
 def outputs_of(problem: Problem, fit: Fitted, i: int) -> np.ndarray:
     """Outputs (n, 15) at the nodes of a fit's run i."""
-    return pieces(problem, fit.structure, i, fit.theta[None], np.zeros((1, fit.paths[i].shape[1])), fit.paths[i])[0][:, 0]
+    return pieces(problem, fit.structure, i, fit.theta[None], np.zeros((1, fit.paths[i].shape[1])), fit.paths[i])[0][
+        :, 0
+    ]
 
 
 def read(problem: Problem, structure: Structure, i: int, outputs: np.ndarray, thetas: np.ndarray) -> np.ndarray:
@@ -183,8 +233,11 @@ def read(problem: Problem, structure: Structure, i: int, outputs: np.ndarray, th
     return problem.predict(structure, i, thetas, np.ascontiguousarray(outputs.transpose(1, 0, 2)))
 
 
-def _start(problem: Problem, structure: Structure, i: int, theta: np.ndarray, x: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """A square root (A, A) of the initial state's covariance and the mean (A, c) of its deviation from x, over the active states."""
+def _start(
+    problem: Problem, structure: Structure, i: int, theta: np.ndarray, x: np.ndarray, columns: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """A square root (A, A) of the initial state's covariance and the mean (A, c) of its deviation from x, over the
+    active states."""
     data, model = problem.runs[i], structure.model
     active = model.active_states
     root, mean = np.zeros((len(x), len(x))), np.zeros((len(x), columns))

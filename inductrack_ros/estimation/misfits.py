@@ -1,4 +1,5 @@
-"""Misfits: residuals as a function of a few parameters' values, from travel distances, from time series, or from both."""
+"""Misfits: residuals as a function of a few parameters' values, from travel distances, from time series, or from
+both."""
 
 from __future__ import annotations
 
@@ -33,9 +34,9 @@ NEEDED = ("initial_speed", "travel")
 class Misfit(Protocol):
     """Residuals (n,) at the values (p,) of the parameters ``free``.
 
-    ``noise_known`` says whether residuals are over their standard deviation; where not, they share one that the fit estimates. ``nuisance``
-    is by how much the residuals' degrees of freedom fall short of their number, besides the parameters.
-    """
+    ``noise_known`` says whether residuals are over their standard deviation; where not, they share one that the fit
+    estimates. ``nuisance`` is by how much the residuals' degrees of freedom fall short of their number, besides the
+    parameters."""
 
     free: tuple[str, ...]
     declared: list[Parameter]
@@ -50,11 +51,11 @@ class Misfit(Protocol):
 
 @dataclass(frozen=True)
 class Travels:
-    """Distances (m) covered in ``duration`` (s) after a start at ``initial_speed`` (m/s) on the equilibrium heave; all (n,).
+    """Distances (m) covered in ``duration`` (s) after a start at ``initial_speed`` (m/s) on the equilibrium heave; all
+    (n,).
 
-    ``drive_current`` (A) and ``std`` (m, the distance's standard deviation) are NaN where unknown; ``notes`` say what was
-    converted while reading.
-    """
+    ``drive_current`` (A) and ``std`` (m, the distance's standard deviation) are NaN where unknown; ``notes`` say what
+    was converted while reading."""
 
     initial_speed: Array
     travel: Array
@@ -79,14 +80,18 @@ def read_travels(file: str | Path, duration: float = DURATION, std: float = math
     names, rows, notes = read_small_table(file, COLUMNS)
     for name in NEEDED:
         if names.count(name) != 1:
-            raise InputError(f"{file}, row 1: needs one column '{name}'; the header is {','.join(NEEDED)}, both in SI units")
+            raise InputError(
+                f"{file}, row 1: needs one column '{name}'; the header is {','.join(NEEDED)}, both in SI units"
+            )
     if not rows:
         raise InputError(f"{file}: no row of data under the header; add one initial speed and distance per row")
     for row, values in rows:
         for name, value in zip(names, values, strict=True):
             positive = name in ("initial_speed", "duration", "std")
             if not math.isfinite(value) or (positive and value <= 0):
-                raise InputError(f"{file}, row {row}, column '{name}': '{value:g}' is not a {'positive ' if positive else ''}number")
+                raise InputError(
+                    f"{file}, row {row}, column '{name}': '{value:g}' is not a {'positive ' if positive else ''}number"
+                )
     table = dict(zip(names, zip(*(values for _, values in rows), strict=True), strict=True))
     speeds = table.pop("initial_speed")
     return replace(Travels.of(speeds, **{"duration": duration, "std": std, **table}), notes=notes)
@@ -95,9 +100,8 @@ def read_travels(file: str | Path, duration: float = DURATION, std: float = math
 class TravelMisfit:
     """Residuals of travel distances as a function of the free parameters' values.
 
-    ``std`` is the distances' standard deviation where the data state one; where they do not, residuals are in metres and the fit
-    estimates their common size.
-    """
+    ``std`` is the distances' standard deviation where the data state one; where they do not, residuals are in metres
+    and the fit estimates their common size."""
 
     nuisance = 0
 
@@ -112,7 +116,8 @@ class TravelMisfit:
         self._shared = {name: getattr(model, name) for name in ("known_effects", "kernel", "switches", "moving")}
 
     def at(self, values: Sequence[float]) -> Model:
-        """The model with the free parameters at ``values``; it shares the compiled kernel, for thousands of these are made."""
+        """The model with the free parameters at ``values``; it shares the compiled kernel, for thousands of these are
+        made."""
         vector = self.model.vector.copy()
         vector[self._column] = values
         trial = replace(self.model)
@@ -125,7 +130,9 @@ class TravelMisfit:
         out = np.empty(len(t.travel))
         for i, (speed, duration, current) in enumerate(zip(t.initial_speed, t.duration, t.drive_current, strict=True)):
             driven = None if math.isnan(current) else current
-            run = trial.simulate(np.array([0.0, duration]), trial.initial_state(surge_rate=speed, drive_current=driven), driven)
+            run = trial.simulate(
+                np.array([0.0, duration]), trial.initial_state(surge_rate=speed, drive_current=driven), driven
+            )
             out[i] = run["surge"][-1]
         return out
 
@@ -135,7 +142,8 @@ class TravelMisfit:
 
 
 def declarations(model: Model, free: Sequence[str], sensors: bool = True) -> list[Parameter]:
-    """The declaration of each free parameter (``eta``, ``aerodynamic_drag.drag_area``), those of ``sensors`` too or not.
+    """The declaration of each free parameter (``eta``, ``aerodynamic_drag.drag_area``), those of ``sensors`` too or
+    not.
 
     Raises `InputError` for an unknown one.
     """
@@ -159,11 +167,10 @@ def declarations(model: Model, free: Sequence[str], sensors: bool = True) -> lis
 class SeriesMisfit:
     """Residuals over noise of every sample of a campaign, each run's initial state fitted beside the parameters.
 
-    The first fit, over growing horizons, finds parameters and initial states. After it, the initial states are eliminated: what a
-    small change of them could take from the residuals is taken, with the derivatives at that fit. ``start`` (p,) is what it found.
-    Sway and roll are held at zero where nothing measured shows them and the campaign does not ask for them: they enter squared, and
-    a fit that is free to use them soaks up noise.
-    """
+    The first fit, over growing horizons, finds parameters and initial states. After it, the initial states are
+    eliminated: what a small change of them could take from the residuals is taken, with the derivatives at that fit.
+    ``start`` (p,) is what it found. Sway and roll are held at zero where nothing measured shows them and the campaign
+    does not ask for them: they enter squared, and a fit that is free to use them soaks up noise."""
 
     noise_known = True
 
@@ -190,7 +197,8 @@ class SeriesMisfit:
         self.nuisance = sum(len(weight) + round(np.trace(solve @ X)) for X, solve, weight in self._eliminate)
 
     def __call__(self, values: Sequence[float]) -> Array:
-        """Residuals (n,) of all runs in order, with the initial states' prior; zero where the model has nothing to compare."""
+        """Residuals (n,) of all runs in order, with the initial states' prior; zero where the model has nothing to
+        compare."""
         residuals = self.problem.residuals(self.structure, self.structure.encode(values), self._states)
         parts = []
         for r, (X, solve, weight) in zip(residuals, self._eliminate, strict=True):
@@ -210,13 +218,15 @@ def _noise(campaign: Campaign, channel: str) -> float:
                 found.append(float(np.sqrt(np.mean(np.diff(y, 3) ** 2) / 20.0)))
     if not found or np.median(found) <= 0:
         raise InputError(
-            f"{campaign.folder}: the noise of {channel} cannot be estimated; give noise_std: {{{channel}: …}} ({UNITS[channel]}) in campaign.yaml"
+            f"{campaign.folder}: the noise of {channel} cannot be estimated; give noise_std: {{{channel}: …}}"
+            f" ({UNITS[channel]}) in campaign.yaml"
         )
     return float(np.median(found))
 
 
 class JointMisfit:
-    """Several misfits of the same parameters, one after the other; each must know its noise, or their weights would be arbitrary."""
+    """Several misfits of the same parameters, one after the other; each must know its noise, or their weights would be
+    arbitrary."""
 
     noise_known = True
 

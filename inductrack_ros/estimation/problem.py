@@ -29,7 +29,8 @@ from .structure import Structure
 GRID = 2.5e-3
 #: Step of the parameters' differences, in typical sizes.
 THETA_STEP = 2e-3
-#: Where the differences to both sides are further apart than this part of their sum, a derivative is the smaller of the two.
+#: Where the differences to both sides are further apart than this part of their sum, a derivative is the smaller of the
+#: two.
 JUMP = 0.8
 #: Prior standard deviation of an initial state about its first guess: says nothing where anything is measured.
 STATE_PRIOR = np.array([0.5, 0.02, 0.02, 0.1, 10.0, 1.0, 1.0, 10.0])
@@ -86,14 +87,24 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunDat
     averaged = run.pulses is None and model.drive == "averaged"
     if run.pulses is None and not averaged and run.drive_current != 0.0:
         raise InputError(
-            f"{run.file}: driven at {run.drive_current:g} A, but it holds no drive pulses and the model has drive: pulses; "
-            "set drive: averaged in the model, or record fired_pulses"
+            f"{run.file}: driven at {run.drive_current:g} A, but it holds no drive pulses and the model has drive:"
+            " pulses; set drive: averaged in the model, or record fired_pulses"
         )
     if run.pulses is not None:
         p = ModelPulses(run.pulses.times, run.pulses.coils, run.pulses.currents)
         pulses = tuple(np.ascontiguousarray(a, float) for a in p.arrays(model.parameters["wavelength"]))
     return RunData(
-        run, grid, np.searchsorted(grid, times[r]), columns[c], times[r], run.values[r, c], names[c], fixed, guess, pulses, averaged
+        run,
+        grid,
+        np.searchsorted(grid, times[r]),
+        columns[c],
+        times[r],
+        run.values[r, c],
+        names[c],
+        fixed,
+        guess,
+        pulses,
+        averaged,
     )
 
 
@@ -129,7 +140,8 @@ def _first_guess(run: Run, model: Model, dof: int) -> np.ndarray:
             guess[i] = 0.0
     if "surge" not in found and "surge_rate" not in found and "surge_rate" not in run.initial_state:
         raise InputError(
-            f"{run.file}: nothing tells the speed; measure surge or surge_rate, or give initial_state: {{surge_rate: …}} in campaign.yaml"
+            f"{run.file}: nothing tells the speed; measure surge or surge_rate, or give initial_state: {{surge_rate:"
+            " …} in campaign.yaml"
         )
     unseen = "heave" not in found and not {"gap_top", "gap_left", "gap_right"} & found.keys()
     if unseen and "heave" not in run.initial_state and "heave" in MOVING[dof]:
@@ -140,9 +152,8 @@ def _first_guess(run: Run, model: Model, dof: int) -> np.ndarray:
 class Problem:
     """All runs of a campaign with the noise of each channel, ready to be predicted and fitted.
 
-    ``sigma`` (c,) is the noise by channel in the order of ``channels``; ``runs`` are `RunData`; ``limits`` are the rig's. A subset of runs is
-    another `Problem` that shares everything (`subset`).
-    """
+    ``sigma`` (c,) is the noise by channel in the order of ``channels``; ``runs`` are `RunData`; ``limits`` are the
+    rig's. A subset of runs is another `Problem` that shares everything (`subset`)."""
 
     def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float], threads: int | None = None):
         self.channels = campaign.channels
@@ -174,7 +185,8 @@ class Problem:
         return sum(len(r.y) for r in self.runs)
 
     def variance(self, i: int) -> np.ndarray:
-        """Variance (m,) of run i's measurements over that of the channel's noise: more than 1 where a reading is worth less."""
+        """Variance (m,) of run i's measurements over that of the channel's noise: more than 1 where a reading is worth
+        less."""
         return self.variances[i] if self.variances else np.ones(len(self.runs[i].y))
 
     @property
@@ -218,18 +230,32 @@ class Problem:
                 x[j] = model.with_effect_states(x[j], P=P[j], pulses=None if data.averaged else data.pulses)
         out = np.empty((len(states), data.grid.size, len(OUTPUTS)))
         model.kernel.simulate_batch(
-            data.grid, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses, 1.0, out
+            data.grid,
+            0.0,
+            x,
+            P,
+            on,
+            model.moving,
+            np.ascontiguousarray(states[:, 0]),
+            data.averaged,
+            *data.pulses,
+            1.0,
+            out,
         )
         return out
 
-    def response(self, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray, outputs: np.ndarray | None = None) -> RunResponse:
+    def response(
+        self, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray, outputs: np.ndarray | None = None
+    ) -> RunResponse:
         """How run i answers to small forces at a point."""
         if outputs is None:
             outputs = self.simulate(structure, i, theta[None], state[None])[0]
         P = self.vectors(structure, i, theta[None])[0]
         return RunResponse(self.runs[i], self.sigma, structure.model, P, outputs, self.dof)
 
-    def predict(self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray, which: np.ndarray | None = None) -> np.ndarray:
+    def predict(
+        self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray, which: np.ndarray | None = None
+    ) -> np.ndarray:
         """What the sensors of run i would read, (j, m), from simulated outputs (u, n, 15); NaN outside the run.
 
         Row j of thetas reads ``out[which[j]]``, or ``out[j]`` unless given.
@@ -245,7 +271,9 @@ class Problem:
             if mine.size:  # jobs that differ in other sensors' parameters read the same
                 keys = np.column_stack([which, p[:, sensors.own(channel)]])
                 _, first, same = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-                values = sensors.read(channel, data.time[mine], data.grid, out, which=which[first], p=p[first], P=P[first])
+                values = sensors.read(
+                    channel, data.time[mine], data.grid, out, which=which[first], p=p[first], P=P[first]
+                )
                 predicted[:, mine] = values[same.reshape(-1)]
         return predicted
 
@@ -271,10 +299,9 @@ class Problem:
     ) -> list[Linearisation]:
         """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
 
-        ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of the work;
-        ``tables_from`` those by the stand-ins' tables. With ``one_sided`` differences those by the initial states cost half; they say
-        where to go, not how well a state is known.
-        """
+        ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of
+        the work; ``tables_from`` those by the stand-ins' tables. With ``one_sided`` differences those by the initial
+        states cost half; they say where to go, not how well a state is known."""
         g = len(theta)
         low, high = structure.bounds
         up = np.minimum(theta + THETA_STEP, high)
@@ -297,7 +324,9 @@ class Problem:
             for rows, side in zip(moved, sides, strict=True):
                 x[rows, free] += side * STATE_STEPS[free]
             P = self.vectors(structure, i, thetas)
-            alike = (P == P[0]).all(axis=1) & (x == x[0]).all(axis=1)  # as where only a sensor's parameter moves: one simulation
+            alike = (P == P[0]).all(axis=1) & (x == x[0]).all(
+                axis=1
+            )  # as where only a sensor's parameter moves: one simulation
             apart = np.flatnonzero(~alike)
             out = self._simulated(structure.model, i, P[[0, *apart]], x[[0, *apart]])
             which = np.zeros(jobs, np.int64)
@@ -306,13 +335,17 @@ class Problem:
             weight = 1.0 / self.sigma[data.channel]
             at = {(k, v): 1 + j for j, (k, v) in enumerate(points)}
             ends = [(read[at.get((k, up[k]), 0)], read[at.get((k, down[k]), 0)]) for k in range(g)]
-            slopes = [_slope(a - read[0], up[k] - theta[k], read[0] - b, theta[k] - down[k]) for k, (a, b) in enumerate(ends)]
+            slopes = [
+                _slope(a - read[0], up[k] - theta[k], read[0] - b, theta[k] - down[k]) for k, (a, b) in enumerate(ends)
+            ]
             by_theta = np.array(slopes).reshape(g, data.y.size)
             for effect, columns in tables.items():
                 if tables_from is not None:
                     by_theta[columns] = tables_from[i].by_theta[:, columns].T / weight
                 else:
-                    by_theta[columns] = self._table_columns(structure, i, theta, states[i], out[0], effect, columns) / weight
+                    by_theta[columns] = (
+                        self._table_columns(structure, i, theta, states[i], out[0], effect, columns) / weight
+                    )
             steps = STATE_STEPS[free][:, None]
             ahead, behind = read[moved[0]] - read[0], read[0] - read[moved[-1]]
             by_state = ahead / steps if one_sided else _slope(ahead, steps, behind, steps)
@@ -336,8 +369,8 @@ class Problem:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """One run near a point: residual (m,) over noise, derivatives of the prediction over noise by theta (m, g) and by the
-    free initial states (m, f); NaN rows have nothing to compare."""
+    """One run near a point: residual (m,) over noise, derivatives of the prediction over noise by theta (m, g) and by
+    the free initial states (m, f); NaN rows have nothing to compare."""
 
     residual: np.ndarray
     by_theta: np.ndarray
@@ -346,11 +379,11 @@ class Linearisation:
 
 
 def _slope(ahead: np.ndarray, up, behind: np.ndarray, down) -> np.ndarray:
-    """Derivative from the changes ``ahead`` over ``up`` and ``behind`` over ``down``: central, but where they differ by a factor the smaller.
+    """Derivative from the changes ``ahead`` over ``up`` and ``behind`` over ``down``: central, but where they differ by
+    a factor the smaller.
 
-    A sample near an impact jumps (an accelerometer's does) when it falls on the other side: that is no slope, and would pass for
-    knowledge of the parameters that nobody has.
-    """
+    A sample near an impact jumps (an accelerometer's does) when it falls on the other side: that is no slope, and would
+    pass for knowledge of the parameters that nobody has."""
     with np.errstate(invalid="ignore", divide="ignore"):
         forward, backward = ahead / up, behind / down
         smaller = np.where(np.abs(forward) < np.abs(backward), forward, backward)

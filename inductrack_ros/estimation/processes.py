@@ -1,9 +1,9 @@
 """What a log or a rig does besides the model and white noise, as further states of the linear system of a run.
 
-Each process is linear and Gaussian with one variance (and perhaps a time) to be found by marginal likelihood: noise of another size,
-noise with a memory (Ornstein–Uhlenbeck, for irregular samples too), a hum, stamps that jitter, and a parameter that differs from run
-to run. A process competes with physics on equal terms: both are judged by the deviance they take away.
-"""
+Each process is linear and Gaussian with one variance (and perhaps a time) to be found by marginal likelihood: noise of
+another size, noise with a memory (Ornstein–Uhlenbeck, for irregular samples too), a hum, stamps that jitter, and a
+parameter that differs from run to run. A process competes with physics on equal terms: both are judged by the deviance
+they take away."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ STATES = {WHITE: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, RO
 FREEDOM = {WHITE: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
 #: A process of this size is none: its share of the noise, s, share of a typical size.
 NONE = {WHITE: 1e-2, COLOURED: 1e-3, HUM: 1e-3, JITTER: 1e-7, RUN_TO_RUN: 1e-6, IMPACT: 1e-6, ROUNDED: 1e-6}
-#: Size (m/s at each node) of an impact while a fit looks where the runs touch the track, and from then on: small enough that the normal
-#: force stays what the model says, for friction hangs on it; large enough that the nodes of a stiff contact find their place.
+#: Size (m/s at each node) of an impact while a fit looks where the runs touch the track, and from then on: small enough
+#: that the normal force stays what the model says, for friction hangs on it; large enough that the nodes of a stiff
+#: contact find their place.
 LOOSE, TIGHT = 0.1, 5e-3
 #: The rates that an impact changes, and how fast each turns per m/s of it.
 STRUCK, STRUCK_BY = slice(5, 8), np.array([1.0, 1.0, 10.0])
@@ -37,10 +38,10 @@ STRUCK, STRUCK_BY = slice(5, 8), np.array([1.0, 1.0, 10.0])
 class Process:
     """One process: its kind, the channel or free parameter it is ``on``, its size and its time.
 
-    ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude), in s (jitter), in typical sizes
-    (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right to the last micrometre), of the share
-    of a rounding error that the model foretells (quantised, its step in ``time``); never above ``most``. ``time`` (s) is the correlation time of coloured noise and the period of a hum.
-    """
+    ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude), in s (jitter),
+    in typical sizes (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right
+    to the last micrometre), of the share of a rounding error that the model foretells (quantised, its step in
+    ``time``); never above ``most``. ``time`` (s) is the correlation time of coloured noise and the period of a hum."""
 
     kind: str
     on: str = ""
@@ -54,7 +55,9 @@ class Process:
         return self.size < 3.0 * NONE[self.kind]
 
 
-def augmented(problem: Problem, structure: Structure, i: int, system: LinearRun, processes: Sequence[Process]) -> LinearRun:
+def augmented(
+    problem: Problem, structure: Structure, i: int, system: LinearRun, processes: Sequence[Process]
+) -> LinearRun:
     """Run i's linear system with the states of all processes behind its own."""
     data = problem.runs[i]
     variance, kicked = system.variance.copy(), system.kicks.copy()
@@ -89,7 +92,8 @@ def augmented(problem: Problem, structure: Structure, i: int, system: LinearRun,
 
 
 def _struck_since(data: RunData, system: LinearRun) -> np.ndarray:
-    """Squares (m, 3) of what a unit change of the struck rates does to readings whose moment may be on the other side of a contact."""
+    """Squares (m, 3) of what a unit change of the struck rates does to readings whose moment may be on the other side
+    of a contact."""
     late = system.late[:, 1:]
     if not late.any():
         return np.zeros(late.shape)
@@ -146,7 +150,9 @@ def _rounding(problem: Problem, data: RunData, system: LinearRun, step: float) -
     sigma = problem.sigma[data.channel]
     predicted = data.y - system.data[:, 0] * sigma
     phase = data.y % step
-    return np.where(system.data[:, 0] != 0.0, (np.round((predicted - phase) / step) * step + phase - predicted) / sigma, 0.0)
+    return np.where(
+        system.data[:, 0] != 0.0, (np.round((predicted - phase) / step) * step + phase - predicted) / sigma, 0.0
+    )
 
 
 def _rates(problem: Problem, data: RunData, system: LinearRun) -> np.ndarray:
@@ -161,8 +167,8 @@ def _rates(problem: Problem, data: RunData, system: LinearRun) -> np.ndarray:
 
 
 def offsets(system: LinearRun, wide: LinearRun, deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What smoothed processes (their states behind the run's own in ``deviations`` (n, N + e)) add to the readings (m,), in noise, and to
-    the way to the next node (n, N)."""
+    """What smoothed processes (their states behind the run's own in ``deviations`` (n, N + e)) add to the readings
+    (m,), in noise, and to the way to the next node (n, N)."""
     N = system.transitions.shape[1]
     extra = deviations[:, N:]
     node = np.repeat(np.arange(len(extra)), np.diff(system.first))
@@ -191,7 +197,10 @@ def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smooth
 
 def resized(processes: Sequence[Process], variances: np.ndarray) -> tuple[Process, ...]:
     """The processes with other variances (p,)."""
-    return tuple(replace(p, size=float(min(max(np.sqrt(v), NONE[p.kind]), p.most))) for p, v in zip(processes, variances, strict=True))
+    return tuple(
+        replace(p, size=float(min(max(np.sqrt(v), NONE[p.kind]), p.most)))
+        for p, v in zip(processes, variances, strict=True)
+    )
 
 
 def tightened(processes: Sequence[Process]) -> tuple[Process, ...]:

@@ -2,8 +2,8 @@
 
 The trajectory is linearised interval by interval, δs_{k+1} = Φ_k δs_k, with Φ_k from differences of one-interval
 simulations (through contact too, where a single long sensitivity would be singular). Any force history f(t) in a
-coordinate then shows in the measurements as a sum over those intervals, so whole libraries of force laws cost one linearisation.
-"""
+coordinate then shows in the measurements as a sum over those intervals, so whole libraries of force laws cost one
+linearisation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUT
 
 #: What a missing force may depend on, as `diagnosis.json` names it and in the order of a stand-in's ``variable``.
 VARIABLES = (*STATES, "time", "drive")
-#: Steps of the state's differences, by state: above rounding, and small enough for runs whose errors grow ten-thousandfold
+#: Steps of the state's differences, by state: above rounding, and small enough for runs whose errors grow
+#: ten-thousandfold
 STATE_STEPS = np.array([3e-7, 3e-8, 3e-8, 3e-7, 3e-6, 3e-7, 3e-7, 3e-6])
 
 
@@ -57,10 +58,13 @@ class RunResponse:
     def measured(self, variable: str) -> np.ndarray:
         """What the run's sensor saw of a variable, all of the run; empty where it has none."""
         run = self.data.run
-        return run.times if variable == "time" else run.samples(variable)[1] if variable in run.channels else np.empty(0)
+        return (
+            run.times if variable == "time" else run.samples(variable)[1] if variable in run.channels else np.empty(0)
+        )
 
     def quantities(self, names: Sequence[str], raised: float = 0.0, on: np.ndarray | None = None) -> np.ndarray:
-        """Quantities (n, q) of the equations along the run, the cradle ``raised`` above where it was (m); ``on`` other switches."""
+        """Quantities (n, q) of the equations along the run, the cradle ``raised`` above where it was (m); ``on`` other
+        switches."""
         model, data = self.model, self.data
         on = model.switches if on is None else on
         x, dx, q = (np.zeros(n) for n in (len(model.kernel.states), len(model.kernel.states), len(QUANTITIES)))
@@ -74,7 +78,8 @@ class RunResponse:
         return out
 
     def forces(self, acts_on: str, histories: np.ndarray) -> np.ndarray:
-        """Force histories (n, 4, l) from those (n, l) of what a stand-in acts on: a coordinate's force, or shares of the thrust."""
+        """Force histories (n, 4, l) from those (n, l) of what a stand-in acts on: a coordinate's force, or shares of
+        the thrust."""
         forces = np.zeros((len(histories), 4, histories.shape[1]))
         if acts_on == "thrust":
             others = self.model.switches & (np.array(self.model.kernel.effects) != "stand_in_thrust")
@@ -84,7 +89,8 @@ class RunResponse:
         return forces
 
     def respond(self, forces: np.ndarray) -> np.ndarray:
-        """Change of the measurements over noise, (m, l), that force histories (n, 4, l) (N, N·m by coordinate) would make."""
+        """Change of the measurements over noise, (m, l), that force histories (n, 4, l) (N, N·m by coordinate) would
+        make."""
         a = forces * self.inverse_inertia[:, None]
         half = 0.5 * np.diff(self.grid)
         state = _propagate(self.transitions, np.ascontiguousarray(a), half)
@@ -130,6 +136,8 @@ def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> n
     offsets = np.zeros((1 + len(moved), n_states))
     offsets[1 + np.arange(len(moved)), moved] = STATE_STEPS[moved]
     out = np.empty((known, len(offsets), 8))
-    model.kernel.simulate_pieces(grid, x, offsets, P, model.switches, model.moving, float(outputs[0, 0]), data.averaged, *data.pulses, 1.0, out)
+    model.kernel.simulate_pieces(
+        grid, x, offsets, P, model.switches, model.moving, float(outputs[0, 0]), data.averaged, *data.pulses, 1.0, out
+    )
     result[:known][:, :, moved] = ((out[:, 1:] - out[:, :1]) / STATE_STEPS[moved, None]).transpose(0, 2, 1)
     return result

@@ -1,9 +1,8 @@
 """What further columns would explain at a fit: whitened scores at several powers of the disturbances.
 
-A missing effect makes the plant look shaken, and a shaken plant hides it. So every question is asked at the power that the fit
-found and at smaller ones down to none, and each answer may take the power that suits it best. All of it is linear algebra on the
-normal equations of one linearisation, whatever the number of runs and samples.
-"""
+A missing effect makes the plant look shaken, and a shaken plant hides it. So every question is asked at the power that
+the fit found and at smaller ones down to none, and each answer may take the power that suits it best. All of it is
+linear algebra on the normal equations of one linearisation, whatever the number of runs and samples."""
 
 from __future__ import annotations
 
@@ -38,8 +37,8 @@ class Background:
 
 @dataclass(frozen=True)
 class Level:
-    """The normal equations at one power (4,) beside some processes: ``gram`` (1 + g + c, 1 + g + c) of residual, nuisance and columns,
-    whitened, and the innovations' log determinant."""
+    """The normal equations at one power (4,) beside some processes: ``gram`` (1 + g + c, 1 + g + c) of residual,
+    nuisance and columns, whitened, and the innovations' log determinant."""
 
     power: np.ndarray
     background: Background
@@ -49,8 +48,8 @@ class Level:
 
 @dataclass(frozen=True)
 class Expected:
-    """What some columns promise: the deviance with them (and the price of the processes), their coefficients (c,) and covariance (c, c),
-    the power (4,) that suits them, and the background."""
+    """What some columns promise: the deviance with them (and the price of the processes), their coefficients (c,) and
+    covariance (c, c), the power (4,) that suits them, and the background."""
 
     deviance: float
     size: np.ndarray
@@ -97,9 +96,14 @@ class Scores:
 
 
 def scores(
-    problem: Problem, fit: Fit, named: Mapping[str, Sequence[Columns]], systems: Sequence[LinearRun], backgrounds: Sequence[Background] = ()
+    problem: Problem,
+    fit: Fit,
+    named: Mapping[str, Sequence[Columns]],
+    systems: Sequence[LinearRun],
+    backgrounds: Sequence[Background] = (),
 ) -> Scores:
-    """The scores of named columns, each given for every run, at a fit; beside each of the backgrounds, the fit's own unless given."""
+    """The scores of named columns, each given for every run, at a fit; beside each of the backgrounds, the fit's own
+    unless given."""
     places, end = {}, 0
     for name, parts in named.items():
         width = parts[0].data.shape[1]
@@ -122,7 +126,10 @@ def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
     more = Columns.beside(parts)
     mean = np.concatenate([system.start_mean, np.zeros((len(system.start_mean), more.data.shape[1]))], axis=1)
     return replace(
-        system, data=np.concatenate([system.data, -more.data], axis=1), inputs=np.concatenate([system.inputs, more.inputs], axis=2), start_mean=mean
+        system,
+        data=np.concatenate([system.data, -more.data], axis=1),
+        inputs=np.concatenate([system.inputs, more.inputs], axis=2),
+        start_mean=mean,
     )
 
 

@@ -1,9 +1,9 @@
 """Multiple shooting over a plant that may be shaken: every run is held to its data at every node (Bock and Plitt 1984).
 
-A run's trajectory is the state at each point of its grid. Between neighbours the model is integrated; where it does not lead
-from one to the next, a white disturbance of the coordinates' accelerations did the rest. `linear` gives the run as a linear
-system about a trajectory, `start` a trajectory from the data alone, `likelihood` the best step; `fit` alternates them.
-"""
+A run's trajectory is the state at each point of its grid. Between neighbours the model is integrated; where it does not
+lead from one to the next, a white disturbance of the coordinates' accelerations did the rest. `linear` gives the run as
+a linear system about a trajectory, `start` a trajectory from the data alone, `likelihood` the best step; `fit`
+alternates them."""
 
 from __future__ import annotations
 
@@ -23,9 +23,11 @@ from .processes import IMPACT, Process, offsets, tightened
 from .start import start
 from .structure import Structure
 
-#: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the data.
+#: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the
+#: data.
 FIRST_POWER = np.array([1e2, 1e1, 1e1, 1e2])
-#: Share of that power with which a fit begins anew where an effect was taken away: its trajectories are good, its power is not.
+#: Share of that power with which a fit begins anew where an effect was taken away: its trajectories are good, its power
+#: is not.
 ANEW = 1e-4
 #: Gauss–Newton steps at the most.
 STEPS = 25
@@ -35,8 +37,8 @@ HALVINGS = 6
 POWER_STEPS = 3
 #: So many steps that gain nothing end a fit.
 IDLE = 2
-#: A power (m²/s³, rad²/s³) at which trajectories have no defects but what the integration's tolerance leaves; steps of a fit from
-#: end to end that looks for such trajectories.
+#: A power (m²/s³, rad²/s³) at which trajectories have no defects but what the integration's tolerance leaves; steps of
+#: a fit from end to end that looks for such trajectories.
 QUIET, FLOWN_STEPS = 1e-8, 15
 
 
@@ -44,9 +46,8 @@ QUIET, FLOWN_STEPS = 1e-8, 15
 class Fit:
     """A structure fitted by multiple shooting.
 
-    theta (g,), a trajectory (n, N) for each run, the power (4,) of the disturbances, the deviance (twice the negative log
-    likelihood), χ² of the innovations, and the covariance of theta (g, g).
-    """
+    theta (g,), a trajectory (n, N) for each run, the power (4,) of the disturbances, the deviance (twice the negative
+    log likelihood), χ² of the innovations, and the covariance of theta (g, g)."""
 
     structure: Structure
     theta: np.ndarray
@@ -95,31 +96,47 @@ def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | Non
     return [replace(system, touching=touching) for system, touching in zip(systems, fit.touching, strict=True)]
 
 
-def fit(problem: Problem, structure: Structure, point: Point | None = None, steps: int = STEPS, processes: Sequence[Process] = ()) -> Fit:
-    """Fit theta, every run's trajectory, the power of the disturbances and the processes' sizes, from the data or from a ``point`` nearby.
+def fit(
+    problem: Problem,
+    structure: Structure,
+    point: Point | None = None,
+    steps: int = STEPS,
+    processes: Sequence[Process] = (),
+) -> Fit:
+    """Fit theta, every run's trajectory, the power of the disturbances and the processes' sizes, from the data or from
+    a ``point`` nearby.
 
-    Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Each step is shortened
-    for a run that would fare worse for it. From the data it is done twice: where the runs touch the track the first time tells.
-    """
+    Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Each step is
+    shortened for a run that would fare worse for it. From the data it is done twice: where the runs touch the track the
+    first time tells."""
     if point is not None:
         return (exactly if point.exact else _descended)(problem, structure, point, steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
-    point = Point(np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes))
+    point = Point(
+        np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes)
+    )
     first = _descended(problem, structure, point, steps)
     touching = tuple(s.touching for s in linearise_all(problem, first))
-    return _descended(problem, structure, replace(first.point, processes=tightened(first.processes), touching=touching), steps)
+    return _descended(
+        problem, structure, replace(first.point, processes=tightened(first.processes), touching=touching), steps
+    )
 
 
-def exactly(problem: Problem, structure: Structure, point: Point, steps: int = STEPS, whole: end_to_end.Fit | None = None) -> Fit:
-    """A fit with contact taken at its word: no blow is forgiven, and what is read during a contact counts like the rest.
+def exactly(
+    problem: Problem, structure: Structure, point: Point, steps: int = STEPS, whole: end_to_end.Fit | None = None
+) -> Fit:
+    """A fit with contact taken at its word: no blow is forgiven, and what is read during a contact counts like the
+    rest.
 
-    Where nothing shakes the rig this is the deterministic fit, and friction and lift during a contact are known as well as the data
-    know them. Where something does, a node's noise in a stiff contact looks like a normal force, and the fit is not to be believed.
-    Gauss–Newton steps from node to node may end with defects left over a stiff contact; a fit from end to end (``whole``) has none, and
-    is gone on from where it leaves nothing but noise, or where that ends lower.
-    """
+    Where nothing shakes the rig this is the deterministic fit, and friction and lift during a contact are known as well
+    as the data know them. Where something does, a node's noise in a stiff contact looks like a normal force, and the
+    fit is not to be believed. Gauss–Newton steps from node to node may end with defects left over a stiff contact; a
+    fit from end to end (``whole``) has none, and is gone on from where it leaves nothing but noise, or where that ends
+    lower."""
     touching = tuple(np.zeros(len(path), bool) for path in point.paths)
-    point = replace(point, processes=tuple(p for p in point.processes if p.kind != IMPACT), touching=touching, exact=True)
+    point = replace(
+        point, processes=tuple(p for p in point.processes if p.kind != IMPACT), touching=touching, exact=True
+    )
     whole = whole or end_to_end.fit(problem, structure, [path[0, :8] for path in point.paths], point.theta, FLOWN_STEPS)
 
     def from_flown() -> Fit:
@@ -137,16 +154,30 @@ def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, sta
     """The trajectory (n, N) of run i that the model flies from an initial state (8,), node by node."""
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, theta[None])
-    path, outputs, still = np.zeros((len(data.grid), len(model.kernel.states))), np.empty((2, 1, len(OUTPUTS))), np.zeros((1, len(model.kernel.states)))
+    path, outputs, still = (
+        np.zeros((len(data.grid), len(model.kernel.states))),
+        np.empty((2, 1, len(OUTPUTS))),
+        np.zeros((1, len(model.kernel.states))),
+    )
     path[0, :8] = state
     if model.carries_states:
         path[0] = model.with_effect_states(path[0], P=P[0], pulses=None if data.averaged else data.pulses)
     ends = np.empty((2, 1, path.shape[1]))
     for k in range(len(path) - 1):
         model.kernel.linearise_pieces(
-            data.grid[k : k + 2], path[k : k + 2], still, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
-            outputs, ends,
-        )  # fmt: skip
+            data.grid[k : k + 2],
+            path[k : k + 2],
+            still,
+            P,
+            model.switches,
+            model.moving,
+            float(path[0, 0]),
+            data.averaged,
+            *data.pulses,
+            1.0,
+            outputs,
+            ends,
+        )
         path[k + 1] = ends[0, 0]
     return path
 
@@ -163,13 +194,23 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
         point = new
     evidence, now = best
     return Fit(
-        structure, now.theta, now.paths, now.power, evidence.deviance, evidence.chi2, evidence.covariance, idle == IDLE, now.processes, now.touching,
+        structure,
+        now.theta,
+        now.paths,
+        now.power,
+        evidence.deviance,
+        evidence.chi2,
+        evidence.covariance,
+        idle == IDLE,
+        now.processes,
+        now.touching,
         now.exact,
-    )  # fmt: skip
+    )
 
 
 def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Evidence, Point, Point]:
-    """The evidence at a point, that point with its likeliest disturbances, and the point a Gauss–Newton step further."""
+    """The evidence at a point, that point with its likeliest disturbances, and the point a Gauss–Newton step
+    further."""
     plain = linearise_all(problem, point, structure)
     settled = settle(problem, structure, plain, point, POWER_STEPS, follow=True)
     theta, active = point.theta + settled.evidence.step, structure.model.active_states
@@ -191,4 +232,14 @@ def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Evidenc
         return best[1]
 
     now = replace(point, power=settled.power, processes=settled.processes)
-    return settled.evidence, now, replace(point, theta=theta, paths=tuple(problem.for_runs(path)), power=settled.next_power, processes=settled.next_processes)
+    return (
+        settled.evidence,
+        now,
+        replace(
+            point,
+            theta=theta,
+            paths=tuple(problem.for_runs(path)),
+            power=settled.next_power,
+            processes=settled.next_processes,
+        ),
+    )

@@ -16,7 +16,8 @@ SMOOTHEST = 1e-6
 
 
 def start(problem: Problem, structure: Structure, i: int) -> np.ndarray:
-    """A trajectory (n, N) of run i from its data alone: every coordinate a random walk of its rate, as rough as the data say."""
+    """A trajectory (n, N) of run i from its data alone: every coordinate a random walk of its rate, as rough as the
+    data say."""
     data, model = problem.runs[i], structure.model
     n = len(data.grid)
     kinematic = _kinematic(problem, model, data)
@@ -70,8 +71,19 @@ def _kinematic(problem: Problem, model, data: RunData) -> LinearRun:
     root = np.zeros((8, 8))
     root[data.free_states, data.free_states] = STATE_PRIOR[data.free_states]
     return LinearRun(
-        np.searchsorted(data.row[used], np.arange(n + 1)), H / sigma[:, None], y[:, None], np.ones(len(y)), F, inputs, spacing, root, np.zeros((8, 1)), np.zeros((n, 8)),
-        np.zeros(n, bool), np.zeros((len(y), 4)), np.zeros(len(y), bool),
+        np.searchsorted(data.row[used], np.arange(n + 1)),
+        H / sigma[:, None],
+        y[:, None],
+        np.ones(len(y)),
+        F,
+        inputs,
+        spacing,
+        root,
+        np.zeros((8, 1)),
+        np.zeros((n, 8)),
+        np.zeros(n, bool),
+        np.zeros((len(y), 4)),
+        np.zeros(len(y), bool),
     )
 
 

@@ -17,14 +17,16 @@ from ..core.state import CHANNELS
 
 #: Prior of a free parameter about its start, in typical sizes: only keeps what the data say nothing about where it is.
 THETA_PRIOR = 300.0
-#: Prior standard deviation of a stand-in's straight part, in typical sizes, and of the `ENDS` values at each end that are to be none.
+#: Prior standard deviation of a stand-in's straight part, in typical sizes, and of the `ENDS` values at each end that
+#: are to be none.
 STRAIGHT, NONE = 100.0, 1e-4
 #: So many splines at each end reach beyond a table.
 ENDS = 2
 
 
 def roughness(effect: str, count: int, weight: float, local: bool = False) -> np.ndarray:
-    """Precision (count, count) of a stand-in's table that is smooth: ``weight`` on second differences, next to nothing on the rest.
+    """Precision (count, count) of a stand-in's table that is smooth: ``weight`` on second differences, next to nothing
+    on the rest.
 
     That of a ``local`` force is none at its ends, and so beyond.
     """
@@ -52,8 +54,14 @@ class Structure:
     known: tuple[np.ndarray, np.ndarray] | None = None  # mean and precision of theta from earlier runs
 
     def knowing(self, theta: np.ndarray, covariance: np.ndarray, further: Sequence[str] = ()) -> Structure:
-        """This structure with a fit of other runs as its prior; ``further`` parameters free that those runs said nothing about."""
-        wide = replace(self, model=self.with_theta(theta), free=self.free + tuple(n for n in further if n not in self.free), known=None)
+        """This structure with a fit of other runs as its prior; ``further`` parameters free that those runs said
+        nothing about."""
+        wide = replace(
+            self,
+            model=self.with_theta(theta),
+            free=self.free + tuple(n for n in further if n not in self.free),
+            known=None,
+        )
         precision, g = wide.precision.copy(), len(theta)
         precision[:g, :g] = np.linalg.pinv(covariance, rcond=1e-15, hermitian=True)
         return replace(wide, known=(wide.start, precision))
@@ -111,7 +119,8 @@ class Structure:
 
     @cached_property
     def held(self) -> list[int]:
-        """Indices in theta of what stays where it starts: γ beside a change of the thrust, for only their product shows."""
+        """Indices in theta of what stays where it starts: γ beside a change of the thrust, for only their product
+        shows."""
         return [k for k, name in enumerate(self.free) if name == "gamma" and "stand_in_thrust" in self.tables]
 
     @cached_property
@@ -122,7 +131,9 @@ class Structure:
         precision = np.diag(np.full(len(self.free), THETA_PRIOR**-2.0))
         for effect, weight in self.smoothness.items():
             mine = self.tables[effect]
-            precision[np.ix_(mine, mine)] = roughness(effect, len(mine), weight, effect in self.local) * self.scale[mine[0]] ** 2
+            precision[np.ix_(mine, mine)] = (
+                roughness(effect, len(mine), weight, effect in self.local) * self.scale[mine[0]] ** 2
+            )
         return precision
 
     @cached_property
@@ -153,12 +164,18 @@ class Structure:
     def decode(self, theta: np.ndarray) -> dict[str, float]:
         """Parameter values by full name from theta."""
         u = theta * self.scale
-        values = {n: float(min(max(p.from_fit(x), p.low), p.high)) for n, p, x in zip(self.free, self.declarations, u, strict=True)}
+        values = {
+            n: float(min(max(p.from_fit(x), p.low), p.high))
+            for n, p, x in zip(self.free, self.declarations, u, strict=True)
+        }
         for effect in self.effects:
             item, _ = split_name(effect, self.model.known_effects, CHANNELS)
             own = [f"{effect}.{p}" for p in item.parameters]
             if item.canonical and all(n in values for n in own):
-                values |= {f"{effect}.{p}": v for p, v in item.canonical({p: values[f"{effect}.{p}"] for p in item.parameters}).items()}
+                values |= {
+                    f"{effect}.{p}": v
+                    for p, v in item.canonical({p: values[f"{effect}.{p}"] for p in item.parameters}).items()
+                }
         return values
 
     def spread(self, theta: np.ndarray, deviation: np.ndarray) -> dict[str, float]:
@@ -166,7 +183,11 @@ class Structure:
         result = {}
         for n, p, u, s in zip(self.free, self.declarations, theta * self.scale, deviation * self.scale, strict=True):
             h = max(1e-6 * abs(u), 1e-3 * s, 1e-12)
-            slope = (p.from_fit(u + h) - p.from_fit(max(u - h, h * 1e-3))) / (u + h - max(u - h, h * 1e-3)) if p.fit_as != "x" else 1.0
+            slope = (
+                (p.from_fit(u + h) - p.from_fit(max(u - h, h * 1e-3))) / (u + h - max(u - h, h * 1e-3))
+                if p.fit_as != "x"
+                else 1.0
+            )
             result[n] = float(abs(slope) * s) if np.isfinite(slope) else float("inf")
         return result
 
@@ -215,12 +236,17 @@ class Structure:
                 p[:, names.index(name)] = [declared.from_fit(u) for u in thetas[:, k] * s]
         return p
 
-    def plus(self, name: str, values: Mapping[str, object] | None = None, free: Sequence[str] | None = None) -> Structure:
-        """This structure with one more effect started at ``values`` (where it vanishes otherwise), ``free`` of its parameters
-        (all, unless said) to be fitted."""
+    def plus(
+        self, name: str, values: Mapping[str, object] | None = None, free: Sequence[str] | None = None
+    ) -> Structure:
+        """This structure with one more effect started at ``values`` (where it vanishes otherwise), ``free`` of its
+        parameters (all, unless said) to be fitted."""
         item, _ = split_name(name, self.model.known_effects, CHANNELS)
         start = {p: d.default for p, d in item.parameters.items()} | dict(values or {})
-        start = {p: v if isinstance(v, tuple) else min(max(v, item.parameters[p].low), item.parameters[p].high) for p, v in start.items()}
+        start = {
+            p: v if isinstance(v, tuple) else min(max(v, item.parameters[p].low), item.parameters[p].high)
+            for p, v in start.items()
+        }
         model = self.model.with_changes(effects={**self.model.effects, name: start})
         added = tuple(f"{name}.{p}" for p in (item.parameters if free is None else free))
         return Structure(model, self.free + added, self.smoothness, self.local)

@@ -165,14 +165,18 @@ class Monitor:
     def _burning(self, begin: int, end: int) -> Pulses | None:
         if self.model.drive != "pulses":
             return None
-        early = self._epoch + (self._fit.looks_at((begin - self._epoch) / 1e9) - self.model.parameters["pulse_length"]) * 1e9
+        early = (
+            self._epoch
+            + (self._fit.looks_at((begin - self._epoch) / 1e9) - self.model.parameters["pulse_length"]) * 1e9
+        )
         while self._pulses and self._pulses[0][0] < min(begin - 1e9, early):
             self._pulses.popleft()
         rows = np.array([((s - self._epoch) / 1e9, c, i) for s, c, i in self._pulses if early < s < end]).reshape(-1, 3)
         return Pulses(*rows.T)
 
     def _noise_in(self, samples: Samples, fit: Fit, ratio: np.ndarray) -> np.ndarray:
-        """Mean squares (8,) of what the fit leaves, over the declared noise; NaN for a channel that was not measured."""
+        """Mean squares (8,) of what the fit leaves, over the declared noise; NaN for a channel that was not
+        measured."""
         known = np.isfinite(fit.left)
         columns = samples.column[known]
         count = np.bincount(columns, minlength=8)[:8]
@@ -228,7 +232,8 @@ class Monitor:
 
     @property
     def largest(self) -> dict[str, tuple[float, float]]:
-        """For each coordinate that fails the largest force that a window shows for sure (beyond two sigma), and its sigma.
+        """For each coordinate that fails the largest force that a window shows for sure (beyond two sigma), and its
+        sigma.
 
         In N; of roll in N·m.
         """

@@ -1,4 +1,5 @@
-"""Where a model fails, in words, and only where the windows show it: failing ones on one side, sound ones on the other."""
+"""Where a model fails, in words, and only where the windows show it: failing ones on one side, sound ones on the
+other."""
 
 from __future__ import annotations
 

@@ -44,9 +44,9 @@ class Samples:
 
 @dataclass(frozen=True)
 class Fit:
-    """``force`` and its ``sigma`` (4,) in N, N, N, N·m (NaN where held); ``residual`` (n,) of the model without a force;
-    ``left`` (n,) what remains with it, over noise; ``path`` (3, 8) the states at begin,
-    middle and end; ``gap`` (m), the least; ``contact``."""
+    """``force`` and its ``sigma`` (4,) in N, N, N, N·m (NaN where held); ``residual`` (n,) of the model without a
+    force; ``left`` (n,) what remains with it, over noise; ``path`` (3, 8) the states at begin, middle and end; ``gap``
+    (m), the least; ``contact``."""
 
     force: np.ndarray
     sigma: np.ndarray
@@ -151,7 +151,9 @@ class WindowFit:
 class _Run:
     """Simulates batches of starts and forces through a grid of times."""
 
-    def __init__(self, model: Model, grid: np.ndarray, pulses: Pulses | None, origin: float, inverse_inertia: np.ndarray) -> None:
+    def __init__(
+        self, model: Model, grid: np.ndarray, pulses: Pulses | None, origin: float, inverse_inertia: np.ndarray
+    ) -> None:
         self.model, self.grid, self.origin, self.inverse_inertia = model, grid, origin, inverse_inertia
         none = (np.empty(0),) * 3
         self.pulses = pulses.arrays(model.parameters["wavelength"]) if pulses is not None else none
@@ -164,7 +166,9 @@ class _Run:
         state[:, :8] = x
         if self.carries:
             for row in state:
-                row[:] = model.with_effect_states(row, self.grid[0], None, None if model.drive == "averaged" else self.pulses, self.origin)
+                row[:] = model.with_effect_states(
+                    row, self.grid[0], None, None if model.drive == "averaged" else self.pulses, self.origin
+                )
         P, on = np.tile(model.vector, (jobs, 1)), np.tile(model.switches, (jobs, 1))
         origin, averaged = np.full(jobs, self.origin), model.drive == "averaged"
         acceleration = force * self.inverse_inertia
@@ -187,9 +191,8 @@ class _Run:
 class _Reading:
     """What the model's sensors read at each sample; ``grid`` are the times of the truth that this takes.
 
-    How the states of a sensor stood when the window began, nobody knows: they settle on what is read then, and what they
-    may do beside that (`own_states`) is no evidence.
-    """
+    How the states of a sensor stood when the window began, nobody knows: they settle on what is read then, and what
+    they may do beside that (`own_states`) is no evidence."""
 
     def __init__(self, sensors: Sensors, time: np.ndarray, column: np.ndarray) -> None:
         self.sensors, self.time, self.column = sensors, time, column
@@ -208,7 +211,9 @@ class _Reading:
         """Readings (j, n) of simulated outputs (j, g, 15)."""
         values = out[:, self._row, self.column]
         for channel, mine in self._faulty.items():
-            values[:, mine] = self.sensors.read(channel, self.time[mine], self.grid, out, past=self._settled(channel, out[0]), held=True)
+            values[:, mine] = self.sensors.read(
+                channel, self.time[mine], self.grid, out, past=self._settled(channel, out[0]), held=True
+            )
         return values
 
     def own_states(self, out: np.ndarray) -> np.ndarray:
@@ -217,9 +222,13 @@ class _Reading:
         for channel, mine in self._faulty.items():
             if count := self.sensors.states(channel):
                 begin = self._settled(channel, out)
-                moved = Past(begin.time, begin.states + np.vstack([np.zeros(count), CHANNEL[channel].noise * np.eye(count)]))
+                moved = Past(
+                    begin.time, begin.states + np.vstack([np.zeros(count), CHANNEL[channel].noise * np.eye(count)])
+                )
                 which = np.zeros(count + 1, np.int64)
-                values = self.sensors.read(channel, self.time[mine], self.grid, out[None], which=which, past=moved, held=True)
+                values = self.sensors.read(
+                    channel, self.time[mine], self.grid, out[None], which=which, past=moved, held=True
+                )
                 column = np.zeros((len(self.time), count))
                 column[mine] = (values[1:] - values[0]).T
                 columns.append(column)
@@ -250,7 +259,9 @@ def _grid(times: np.ndarray) -> np.ndarray:
     """The distinct times and, where they lie further apart than `KICK`, others between."""
     times = np.unique(times)
     wide = np.flatnonzero(np.diff(times) > KICK)
-    between = [np.linspace(times[i], times[i + 1], int(np.ceil((times[i + 1] - times[i]) / KICK)) + 1)[1:-1] for i in wide]
+    between = [
+        np.linspace(times[i], times[i + 1], int(np.ceil((times[i + 1] - times[i]) / KICK)) + 1)[1:-1] for i in wide
+    ]
     return np.union1d(times, np.concatenate(between)) if between else times
 
 

@@ -178,9 +178,14 @@ class SegmentedBag:
             for name, first, last, count in self._files
         )
         text = _METADATA.format(
-            version=VERSION, duration=end - start, start=start, count=self.message_count,
-            paths="".join(f"\n    - {n}" for n, *_ in self._files) or " []", topics=topics or " []", files=files or " []",
-        )  # fmt: skip
+            version=VERSION,
+            duration=end - start,
+            start=start,
+            count=self.message_count,
+            paths="".join(f"\n    - {n}" for n, *_ in self._files) or " []",
+            topics=topics or " []",
+            files=files or " []",
+        )
         new = self.path / "metadata.yaml.new"
         try:
             new.write_text(text, encoding="utf8")

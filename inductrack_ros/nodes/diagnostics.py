@@ -44,8 +44,8 @@ def strangers(node: Node, pulses: bool) -> dict[str, str]:
     found = {}
     if node.count_publishers("pose") > 1:
         found["another simulator"] = (
-            "another node publishes pose in this namespace: two simulators on one domain? (One that was killed counts for 20 s.) "
-            "Give one of them its own ROS_DOMAIN_ID, or a namespace with --ros-args -r __ns:=/other"
+            "another node publishes pose in this namespace: two simulators on one domain? (One that was killed counts"
+            " for 20 s.) Give one of them its own ROS_DOMAIN_ID, or a namespace with --ros-args -r __ns:=/other"
         )
     if pulses:
         controllers = node.count_publishers("drive_pulses")

@@ -29,7 +29,9 @@ def reach() -> str:
     """How far discovery reaches, for the log."""
     if os.environ.get(RANGE) == "LOCALHOST":
         return f"ROS stays on this machine; for other machines start it with {RANGE}=SUBNET"
-    return "ROS discovery follows the environment: " + ", ".join(f"{n}={os.environ[n]}" for n in ASKED if n in os.environ)
+    return "ROS discovery follows the environment: " + ", ".join(
+        f"{n}={os.environ[n]}" for n in ASKED if n in os.environ
+    )
 
 
 def claim_domain() -> IO[str]:

@@ -55,7 +55,8 @@ class PulseQueue:
         self._heard = now
 
     def falls_silent(self, now: float, timeout: float) -> bool:
-        """Whether the controller, heard before, has just been silent for `timeout` s. What it left behind is not fired."""
+        """Whether the controller, heard before, has just been silent for `timeout` s. What it left behind is not
+        fired."""
         if self._heard is None or now - self._heard <= timeout:
             return False
         self._heard = None

@@ -1,10 +1,9 @@
 """How a node's process ends: within seconds of a signal, whatever the middleware does, with the status it earned.
 
-Two things stand against that. Fast DDS has been seen to spin for ever in ``destroy_participant``. It does so inside C++ and
-holds the interpreter's lock, so that neither a Python thread nor a signal handler runs any more: `Deadline` is a timer of
-the operating system. And the interpreter gives SIGINT its default back while it exits, so that a second Ctrl-C kills a
-node that was about to end with 0: `leave` passes over the interpreter's exit.
-"""
+Two things stand against that. Fast DDS has been seen to spin for ever in ``destroy_participant``. It does so inside C++
+and holds the interpreter's lock, so that neither a Python thread nor a signal handler runs any more: `Deadline` is a
+timer of the operating system. And the interpreter gives SIGINT its default back while it exits, so that a second Ctrl-C
+kills a node that was about to end with 0: `leave` passes over the interpreter's exit."""
 
 from __future__ import annotations
 
@@ -63,7 +62,10 @@ class Stop:
             pass
         self._ask()
         if not self._left.wait(PATIENCE):
-            print(f"error: the middleware has not answered for {PATIENCE:g} s after the signal; the node ends without it", file=sys.stderr)
+            print(
+                f"error: the middleware has not answered for {PATIENCE:g} s after the signal; the node ends without it",
+                file=sys.stderr,
+            )
             os._exit(1)
 
 
@@ -71,7 +73,8 @@ STOP = Stop()
 
 
 class _Event(ctypes.Structure):
-    """`struct sigevent` of Linux, which is 64 bytes long: at its time ``function(value)`` is called in a thread of its own."""
+    """`struct sigevent` of Linux, which is 64 bytes long: at its time ``function(value)`` is called in a thread of its
+    own."""
 
     _fields_ = [
         ("value", ctypes.c_size_t), ("signal", ctypes.c_int), ("notify", ctypes.c_int),

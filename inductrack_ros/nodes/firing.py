@@ -14,7 +14,9 @@ import numpy as np
 from .detectors import Edge
 from .drive import Pulse
 
-NOTICE = 3e-3  # s; a first pulse that is told later comes too late: a message takes up to 1.7 ms from process to process
+NOTICE = (
+    3e-3  # s; a first pulse that is told later comes too late: a message takes up to 1.7 ms from process to process
+)
 MOST_AT_ONCE = 1000  # coils to command in one go; positions that no cradle has could ask for millions
 
 
@@ -108,12 +110,18 @@ class SpeedHold:
 
 
 class FiringPlan:
-    """Turns edges into pulses: each coil once, ``lead`` seconds or less before its time; none below ``minimum_speed`` (m/s).
-    Both may be changed. ``waits``: time waits for what is commanded (lockstep), so that nothing comes too late.
+    """Turns edges into pulses: each coil once, ``lead`` seconds or less before its time; none below ``minimum_speed``
+    (m/s). Both may be changed. ``waits``: time waits for what is commanded (lockstep), so that nothing comes too late.
     """
 
     def __init__(
-        self, motion: Motion, coil_spacing: float, pulse_length: float, lead: float, minimum_speed: float, waits: bool = False
+        self,
+        motion: Motion,
+        coil_spacing: float,
+        pulse_length: float,
+        lead: float,
+        minimum_speed: float,
+        waits: bool = False,
     ) -> None:
         self.motion = motion
         self._spacing = coil_spacing
@@ -146,9 +154,9 @@ class FiringPlan:
         return commands
 
     def _first_in_time(self, coil: int, now: float) -> int:
-        """The first coil from this one on that hears of its time early enough. To wait for the whole lead would be safer still,
-        but the cradle slows down meanwhile: 50 ms without thrust at 15 m/s, and the speed is not caught any more.
-        """
+        """The first coil from this one on that hears of its time early enough. To wait for the whole lead would be
+        safer still, but the cradle slows down meanwhile: 50 ms without thrust at 15 m/s, and the speed is not caught
+        any more."""
         for _ in range(MOST_AT_ONCE):
             if self._waits or self.motion.passage(coil * self._spacing) - self._half_pulse > now + NOTICE:
                 break

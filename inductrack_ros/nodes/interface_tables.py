@@ -1,7 +1,7 @@
 """The nodes' topics, services and parameters as tables: ``python -m inductrack_ros.nodes.interface_tables``.
 
-Topics and services are asked of the running nodes, parameters of their declarations; docs/interfaces.md holds what is printed.
-"""
+Topics and services are asked of the running nodes, parameters of their declarations; docs/interfaces.md holds what is
+printed."""
 
 from __future__ import annotations
 
@@ -30,26 +30,34 @@ MEANINGS = {
     "twist": "the truth at every tick; frame `track`; m/s, rad/s",
     "odometry": "pose in `track`, twist in `cradle`; `details_rate`",
     "gap_*": "`gap_top`, `gap_right`, `gap_left`, each in a frame of its name; m, negative in contact; `details_rate`",
-    "wrench/*": "`lift`, `slip`, `drag`, `thrust`, `contact`, `weight`, `total` and each active effect of the cradle; "
-    "`track`; N, N·m; `details_rate`",
+    "wrench/*": (
+        "`lift`, `slip`, `drag`, `thrust`, `contact`, `weight`, `total` and each active effect of the cradle; "
+        "`track`; N, N·m; `details_rate`"
+    ),
     "forces": "the wrenches' forces as arrows in `track`, 2 mm to a newton; `details_rate`",
     "scene": "track, cradle and gaps as markers in `track`; `details_rate`",
     "measured/pose": "what a rig would measure; `track`; m; `measured.pose.rate`",
     "measured/twist": "likewise; `track`; m/s, rad/s",
-    "measured/imu": "likewise, specific force in `cradle`, its noise as covariance; m/s²; orientation and turn rate not measured",
+    "measured/imu": (
+        "likewise, specific force in `cradle`, its noise as covariance; m/s²; orientation and turn rate not measured"
+    ),
     "measured/gap_*": "likewise; m",
     "fired_pulses": "what was fired, as on `drive_pulses`",
     "drive_pulses": "stamp: begin of the half sine; `point.x`: coil; `point.y`: A, with sign",
     "residual/pose": "measured minus the model's run through the window, at the stamps measured; not in contact",
     "residual/twist": "likewise",
-    "missing_force": "the constant force that the model lacks in a window, stamped in its middle; `track`; N, N·m; not in contact",
+    "missing_force": (
+        "the constant force that the model lacks in a window, stamped in its middle; `track`; N, N·m; not in contact"
+    ),
     "missing_force_sigma": "its standard deviation",
     "lockstep/done": "[stamp of the pose answered (ns), pulses sent]; with `lockstep`",
     "/clock": "simulated time; `clock_rate`; with `publish_clock`",
     "/tf": "`track` → `cradle`; `details_rate`; on a distribution only (no wheel of `tf2_msgs`)",
     "/tf_static": "`cradle` → `gap_top`, `gap_right`, `gap_left`, x towards the track; transient local; likewise",
-    "/diagnostics": "once a second: deadline misses, late and refused pulses, contacts, lost controllers, others of the kind; "
-    "misfits of photodiodes, missing poses; the monitor's verdict",
+    "/diagnostics": (
+        "once a second: deadline misses, late and refused pulses, contacts, lost controllers, others of the kind; "
+        "misfits of photodiodes, missing poses; the monitor's verdict"
+    ),
 }
 SERVICES = {
     "pause": "`data: true` holds simulated time, `false` goes on",
@@ -66,17 +74,18 @@ def text() -> str:
     shared = [n for n in DECLARED if n in PARAMETERS]
     return "\n\n".join(
         [
-            "**Topics**, in the namespace `inductrack` unless they begin with `/`. Keep last, volatile unless said. Published by `sim` as "
-            "`reliability` asks; `qos_overrides.TOPIC.publisher.reliability`, `.depth` and `.history` (`.subscription.…`) change any of them. "
-            "`frame_prefix` stands before every frame.\n\n" + _topics(),
+            "**Topics**, in the namespace `inductrack` unless they begin with `/`. Keep last, volatile unless said."
+            " Published by `sim` as `reliability` asks; `qos_overrides.TOPIC.publisher.reliability`, `.depth` and"
+            " `.history` (`.subscription.…`) change any of them. `frame_prefix` stands before every frame.\n\n"
+            + _topics(),
             "**Services** of `sim`\n\n" + _services(),
             "**Parameters of `sim`**; those with * may change while it runs\n\n" + _parameters(own, SIM_LIVE),
             "Its sensors, all *: SENSOR is "
             + ", ".join(f"`{s}`" for s in rig.SENSORS)
             + "; CHANNEL what they deliver.\n\n"
             + _sensors(),
-            "The model's, of `sim` as well; those of effects are in [effects.md](effects.md), `EFFECT.PARAMETER`, all *\n\n"
-            + _parameters(model, SIM_LIVE),
+            "The model's, of `sim` as well; those of effects are in [effects.md](effects.md), `EFFECT.PARAMETER`, all"
+            " *\n\n" + _parameters(model, SIM_LIVE),
             "**Parameters of `track_controller`**; "
             + ", ".join(f"`{n}`" for n in shared)
             + " are declared as above, `drive_current` with *\n\n"
@@ -89,7 +98,8 @@ def text() -> str:
 
 
 def _ask(make_node: type, *parameters: str) -> tuple[list, list]:
-    """(topic, type, direction, qos) of a node's topics and (name, type) of its services, without those of ROS itself."""
+    """(topic, type, direction, qos) of a node's topics and (name, type) of its services, without those of ROS
+    itself."""
     rclpy.init(args=["--ros-args", *(word for p in parameters for word in ("-p", p)), "--log-level", "warn"])
     try:
         node = make_node()
@@ -138,7 +148,8 @@ def _topics() -> str:
         found["/tf"] = ("tf2_msgs/TFMessage", dict(found["/clock"][1]))
         found["/tf_static"] = ("tf2_msgs/TFMessage", {"sim out: reliable, 1": None})
     rows = [
-        f"| `{topic}` | {found[topic][0]} | {'<br>'.join(found[topic][1])} | {meaning} |" for topic, meaning in MEANINGS.items()
+        f"| `{topic}` | {found[topic][0]} | {'<br>'.join(found[topic][1])} | {meaning} |"
+        for topic, meaning in MEANINGS.items()
     ]
     if set(found) != set(MEANINGS):
         raise LookupError(f"topics without a meaning here, or the reverse: {set(found) ^ set(MEANINGS)}")
@@ -185,14 +196,19 @@ def _sensors() -> str:
         for name, one in by.items():
             unit = f" {one.unit}" if kind != "bias" and one.unit else ""
             values.setdefault(f"{one.default:g}{unit}", []).append(name)
-        defaults = list(values)[0] if len(values) == 1 else "<br>".join(f"{v}: {', '.join(n)}" for v, n in values.items())
+        defaults = (
+            list(values)[0] if len(values) == 1 else "<br>".join(f"{v}: {', '.join(n)}" for v, n in values.items())
+        )
         rows.append(f"| `measured.{who}.{kind}` | {defaults} | {first[1].low:g} … {first[1].high:g} | {meaning} |")
     return "\n".join([_HEAD, *rows])
 
 
 def _monitor() -> str:
     own = {n: p for n, p in monitor.OWN.items() if n not in rig.declared()}
-    noise = "| `measured.CHANNEL.noise` | as `sim`'s | | standard deviation of the noise; a larger one found is used, a smaller one is not |"
+    noise = (
+        "| `measured.CHANNEL.noise` | as `sim`'s | | standard deviation of the noise; a larger one found is used, a"
+        " smaller one is not |"
+    )
     return _parameters(own, set()) + "\n" + noise
 
 

@@ -1,4 +1,5 @@
-"""What `inductrack.launch.py` starts, decided from its arguments before anything runs. No import of launch: see the file itself.
+"""What `inductrack.launch.py` starts, decided from its arguments before anything runs. No import of launch: see the
+file itself.
 
 An argument that is left empty leaves the matter to the parameter file.
 """
@@ -29,11 +30,15 @@ class Argument:
 
 ARGUMENTS = {
     "params_file": Argument(
-        "", "parameter file for all nodes: a model that `inductrack diagnose` wrote, or a copy of config/default.yaml, which is the default"
+        "",
+        "parameter file for all nodes: a model that `inductrack diagnose` wrote, or a copy of config/default.yaml,"
+        " which is the default",
     ),
     "namespace": Argument(NAMESPACE, "namespace of all nodes and topics"),
     "frame_prefix": Argument("", f"put before the name of every frame, e.g. rig1/{AS_FILE}"),
-    "drive": Argument("", f"averaged (no controller needed), or pulses (the controller fires the coils){AS_FILE}", ("", *DRIVES)),
+    "drive": Argument(
+        "", f"averaged (no controller needed), or pulses (the controller fires the coils){AS_FILE}", ("", *DRIVES)
+    ),
     "initial_state": Argument("", f"name=value,…, e.g. surge_rate=17{AS_FILE}"),
     "controller": Argument("", "start track_controller; empty: where the drive is pulses", OPEN),
     "lockstep": Argument("", f"simulated time waits for the controller{AS_FILE}", OPEN),
@@ -41,7 +46,9 @@ ARGUMENTS = {
     "bag": Argument("", "record the namespace's topics into this new folder, from the first message on; empty: do not"),
     "rviz": Argument("false", "start RViz with track, cradle, gaps and force arrows", ON_OFF),
     "rviz_config": Argument("", "configuration of RViz; empty: ours, with the topics and frames of this rig"),
-    "publish_clock": Argument("", "sim publishes /clock; empty: with use_sim_time:=true, else as params_file says", OPEN),
+    "publish_clock": Argument(
+        "", "sim publishes /clock; empty: with use_sim_time:=true, else as params_file says", OPEN
+    ),
     "use_sim_time": Argument("", f"the other nodes take their time from /clock{AS_FILE}", OPEN),
     "log_level": Argument("info", "least severity that the nodes log", ("debug", "info", "warn", "error", "fatal")),
 }
@@ -49,7 +56,8 @@ ARGUMENTS = {
 
 @dataclass(frozen=True)
 class Started:
-    """A process to start. ``parameters`` come after the parameter file, where it ``reads_file``; if ``needed``, its end ends the launch."""
+    """A process to start. ``parameters`` come after the parameter file, where it ``reads_file``; if ``needed``, its end
+    ends the launch."""
 
     executable: str
     parameters: dict[str, object] = field(default_factory=dict)

@@ -33,12 +33,19 @@ TABS: dict[str, dict[str, list[tuple[str, str]]]] = {
         "Thrust, N": [("wrench/thrust", "wrench.force.x")],
         "Speed, m/s": [("twist", "twist.linear.x")],
     },
-    "Monitor": {
-        f"Missing in {c}, {'N·m' if c == 'roll' else 'N'}": [(t, f"wrench.{f}") for t in ("missing_force", "missing_force_sigma")]
-        for c, f in _FORCES.items()
-    }
-    | {"Residual of heave, m": [("residual/pose", "pose.position.z")], "Residual of speed, m/s": [("residual/twist", "twist.linear.x")]},
-}  # fmt: skip
+    "Monitor": (
+        {
+            f"Missing in {c}, {'N·m' if c == 'roll' else 'N'}": [
+                (t, f"wrench.{f}") for t in ("missing_force", "missing_force_sigma")
+            ]
+            for c, f in _FORCES.items()
+        }
+        | {
+            "Residual of heave, m": [("residual/pose", "pose.position.z")],
+            "Residual of speed, m/s": [("residual/twist", "twist.linear.x")],
+        }
+    ),
+}
 _COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")
 
 
@@ -50,11 +57,17 @@ def plotjuggler() -> str:
         tab = ElementTree.SubElement(tabs, "Tab", tab_name=name, containers="1")
         sizes = ";".join([f"{1 / len(plots):.6f}"] * len(plots))
         column = ElementTree.SubElement(
-            ElementTree.SubElement(tab, "Container"), "DockSplitter", orientation="-", count=str(len(plots)), sizes=sizes
+            ElementTree.SubElement(tab, "Container"),
+            "DockSplitter",
+            orientation="-",
+            count=str(len(plots)),
+            sizes=sizes,
         )
         for title, curves in plots.items():
             area = ElementTree.SubElement(column, "DockArea", name=title)
-            plot = ElementTree.SubElement(area, "plot", mode="TimeSeries", style="Lines", flip_x="false", flip_y="false")
+            plot = ElementTree.SubElement(
+                area, "plot", mode="TimeSeries", style="Lines", flip_x="false", flip_y="false"
+            )
             ElementTree.SubElement(plot, "range", left="0", right="1", bottom="0", top="1")
             ElementTree.SubElement(plot, "limitY")
             for (topic, field), colour in zip(curves, _COLOURS, strict=False):
@@ -73,7 +86,12 @@ def foxglove() -> str:
             "followTf": "cradle",
             "topics": {f"/{NAMESPACE}/{t}": {"visible": True} for t in ("forces", "scene")},
         },
-        "DiagnosticSummary!all": {"topicToRender": "/diagnostics", "minLevel": 0, "hardwareIdFilter": "", "sortByLevel": True},
+        "DiagnosticSummary!all": {
+            "topicToRender": "/diagnostics",
+            "minLevel": 0,
+            "hardwareIdFilter": "",
+            "sortByLevel": True,
+        },
     }
     tabs = []
     for tab, plots in TABS.items():

@@ -57,7 +57,9 @@ class MonitorNode(Node):
         # A parameter file made for all nodes holds the simulator's own too; those are passed over.
         ours = {n: v for n, v in start.items() if n not in OWN and not is_of_the_node(n)}
         shared = overrides.shared(self.get_fully_qualified_name())
-        known = without_unknown({n: v for n, v in ours.items() if "." not in n}, {**PARAMETERS, **MODEL_OPTIONS}, self, shared)
+        known = without_unknown(
+            {n: v for n, v in ours.items() if "." not in n}, {**PARAMETERS, **MODEL_OPTIONS}, self, shared
+        )
         model = Model.from_mapping(known | {n: v for n, v in ours.items() if "." in n}, where="monitor", shared=shared)
         of_effects = effect_parameters(model)
         self._live = {*PARAMETERS, *of_effects}
@@ -183,8 +185,14 @@ class MonitorNode(Node):
         silent = time.monotonic() - self._heard_at > SILENT
         if silent and not self.count_publishers("measured/pose"):
             self._conclude("the measurements have ended")
-        facts: dict[str, object] = {"windows": counts.windows, "runs begun anew": counts.restarts, "windows in contact, not judged": counts.contact}
-        facts |= {f"fails in {c}": "; or ".join(where) or "everywhere it was tried" for c, where in monitor.failing.items()}
+        facts: dict[str, object] = {
+            "windows": counts.windows,
+            "runs begun anew": counts.restarts,
+            "windows in contact, not judged": counts.contact,
+        }
+        facts |= {
+            f"fails in {c}": "; or ".join(where) or "everywhere it was tried" for c, where in monitor.failing.items()
+        }
         if self._last is not None and self._last.fit is not None:
             for i, c in enumerate(COORDINATES):
                 unit = "N·m" if c == "roll" else "N"

@@ -15,8 +15,18 @@ from ..core.parameters import PARAMETERS, Parameter
 from .overrides import EMPTY
 
 __all__ = [
-    "MODEL_OPTIONS", "Option", "declare", "effect_parameters", "freedom", "given", "model_options", "plain", "when_set", "with_values", "without_unknown",
-]  # fmt: skip
+    "MODEL_OPTIONS",
+    "Option",
+    "declare",
+    "effect_parameters",
+    "freedom",
+    "given",
+    "model_options",
+    "plain",
+    "when_set",
+    "with_values",
+    "without_unknown",
+]
 
 #: A condition is a number of any kind; this is what its declaration says (ROS has no other way).
 BOUND = 1e9
@@ -36,10 +46,11 @@ def given(node: Node) -> dict[str, object]:
     return {n: v for n, v in found.items() if not n.startswith(OF_ROS) and v is not None}
 
 
-def without_unknown(values: Mapping[str, object], declared: Collection[str], node: Node, shared: Collection[str]) -> dict[str, object]:
-    """The values whose names are declared. Of others those in ``shared``, which were given to nodes of any name, are passed
-    over, and that is said; for one that was given to this node it raises `InputError`.
-    """
+def without_unknown(
+    values: Mapping[str, object], declared: Collection[str], node: Node, shared: Collection[str]
+) -> dict[str, object]:
+    """The values whose names are declared. Of others those in ``shared``, which were given to nodes of any name, are
+    passed over, and that is said; for one that was given to this node it raises `InputError`."""
     unknown = [name for name in values if name not in declared]
     for name in unknown:
         if name not in shared:
@@ -60,15 +71,21 @@ def declare(node: Node, declared: Declared, live: Collection[str] = ()) -> dict[
         value = one.check(name, start.get(name, one.default), node.get_name())
         if name in start:
             node.undeclare_parameter(name)
-        node.declare_parameter(name, list(value) if isinstance(value, tuple) else value, _descriptor(one, name in live), ignore_override=True)
+        node.declare_parameter(
+            name,
+            list(value) if isinstance(value, tuple) else value,
+            _descriptor(one, name in live),
+            ignore_override=True,
+        )
         values[name] = value
     return values
 
 
-def when_set(node: Node, check: Callable[[dict[str, object]], object], take: Callable[[dict[str, object]], None]) -> None:
-    """What is set while the node runs, as names and plain values: ``check`` raises `InputError` for what cannot be, ``take``
-    is called once all have accepted it, other callbacks of the node too.
-    """
+def when_set(
+    node: Node, check: Callable[[dict[str, object]], object], take: Callable[[dict[str, object]], None]
+) -> None:
+    """What is set while the node runs, as names and plain values: ``check`` raises `InputError` for what cannot be,
+    ``take`` is called once all have accepted it, other callbacks of the node too."""
 
     def values(changed: list[RosParameter]) -> dict[str, object]:
         return {parameter.name: plain(parameter.value) for parameter in changed}
@@ -85,7 +102,8 @@ def when_set(node: Node, check: Callable[[dict[str, object]], object], take: Cal
 
 
 def model_options(model: Model) -> dict[str, Option]:
-    """`MODEL_OPTIONS`, in which ``dof`` is of the type that this model has, a number or a list of coordinates: a ROS parameter keeps its type."""
+    """`MODEL_OPTIONS`, in which ``dof`` is of the type that this model has, a number or a list of coordinates: a ROS
+    parameter keeps its type."""
     if isinstance(model.dof, int):
         return MODEL_OPTIONS
     return MODEL_OPTIONS | {"dof": Option(list(model.dof), MODEL_OPTIONS["dof"].meaning)}
@@ -97,9 +115,14 @@ def freedom(model: Model) -> str:
 
 
 def effect_parameters(model: Model) -> dict[str, Parameter]:
-    """Parameters of the model's effects by their names on a node, ``EFFECT.PARAMETER``, and the conditions that these ask for."""
+    """Parameters of the model's effects by their names on a node, ``EFFECT.PARAMETER``, and the conditions that these
+    ask for."""
     items = {name: model.known_effects[name.partition(":")[0]] for name in model.effects}
-    found = {f"{name}.{parameter}": declared for name, item in items.items() for parameter, declared in item.parameters.items()}
+    found = {
+        f"{name}.{parameter}": declared
+        for name, item in items.items()
+        for parameter, declared in item.parameters.items()
+    }
     return found | {
         CONDITIONS + condition: Parameter(default, "", -BOUND, BOUND, f"condition of the run that {name} asks for")
         for name, item in items.items()
@@ -109,7 +132,8 @@ def effect_parameters(model: Model) -> dict[str, Parameter]:
 
 
 def with_values(model: Model, values: Mapping[str, object]) -> Model:
-    """The model with some of its own parameters, those of its effects and its conditions changed. Raises `InputError`."""
+    """The model with some of its own parameters, those of its effects and its conditions changed. Raises
+    `InputError`."""
     effects = {name: dict(parameters) for name, parameters in model.effects.items()}
     conditions = {n.removeprefix(CONDITIONS): v for n, v in values.items() if n.startswith(CONDITIONS)}
     for name, value in values.items():

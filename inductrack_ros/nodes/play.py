@@ -88,7 +88,9 @@ class Player(Node):
         heard = max(p.get_subscription_count() for p in self._publishers_by_topic.values()) >= self._options.listeners
         if heard or self._options.at_once:
             self._begin = time.monotonic() + self._options.delay
-            self.get_logger().info(f"playing {self._options.bag} at {self._options.rate:g} times its speed; Ctrl-C ends it")
+            self.get_logger().info(
+                f"playing {self._options.bag} at {self._options.rate:g} times its speed; Ctrl-C ends it"
+            )
         elif time.monotonic() > self._announce:
             self._announce = float("inf")
             self.get_logger().info("too few listen to any of its topics yet; waiting (--at-once does not wait)")
@@ -102,7 +104,13 @@ def parse(args: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="play", description=__doc__)
     parser.add_argument("bag", help="folder of the bag")
     parser.add_argument("-r", "--rate", type=_positive, default=1.0, help="recorded seconds to a second")
-    parser.add_argument("-d", "--delay", type=float, default=0.5, help="seconds between the last listener waited for and the first message")
+    parser.add_argument(
+        "-d",
+        "--delay",
+        type=float,
+        default=0.5,
+        help="seconds between the last listener waited for and the first message",
+    )
     parser.add_argument("-l", "--listeners", type=int, default=1, help="wait for so many on one of its topics")
     parser.add_argument("-t", "--topics", nargs="+", help="full names of the topics to play; default: all")
     parser.add_argument("--at-once", action="store_true", help="do not wait for somebody who listens")

@@ -1,4 +1,5 @@
-"""Publishers and subscriptions whose quality of service a parameter file may override, as `qos_overrides` of ROS 2 does."""
+"""Publishers and subscriptions whose quality of service a parameter file may override, as `qos_overrides` of ROS 2
+does."""
 
 from __future__ import annotations
 
@@ -9,11 +10,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import (
-    InvalidQosOverridesError,
-    QoSOverridingOptions,
-    QoSPolicyKind,
-)
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions, QoSPolicyKind
 
 from ..core.errors import InputError
 
@@ -38,7 +35,9 @@ def publisher(node: Node, kind: type, topic: str, qos: QoSProfile, must_be_relia
     return _made(lambda: node.create_publisher(kind, topic, qos, qos_overriding_options=options), node, topic)
 
 
-def subscribe(node: Node, kind: type, topic: str, callback: Callable, qos: QoSProfile, must_be_reliable: str = "") -> None:
+def subscribe(
+    node: Node, kind: type, topic: str, callback: Callable, qos: QoSProfile, must_be_reliable: str = ""
+) -> None:
     """The same for a subscription."""
     options = _options(must_be_reliable)
     _made(lambda: node.create_subscription(kind, topic, callback, qos, qos_overriding_options=options), node, topic)
@@ -56,9 +55,11 @@ def _made(make: Callable, node: Node, topic: str):
     try:
         return make()
     except InvalidQosOverridesError as error:
-        raise InputError(f"{node.get_name()}: qos_overrides of {topic}: {str(error).rpartition('not valid: ')[2]}") from None
+        raise InputError(
+            f"{node.get_name()}: qos_overrides of {topic}: {str(error).rpartition('not valid: ')[2]}"
+        ) from None
     except (*_ODD, InvalidParameterTypeException, InvalidParameterValueException) as error:
         raise InputError(
-            f"{node.get_name()}: qos_overrides of {topic}: {str(error) or 'no such value'}; history is keep_last or keep_all, depth a whole number, "
-            "reliability reliable or best_effort"
+            f"{node.get_name()}: qos_overrides of {topic}: {str(error) or 'no such value'}; history is keep_last or"
+            " keep_all, depth a whole number, reliability reliable or best_effort"
         ) from None

@@ -147,9 +147,19 @@ def parse(args: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="record", description=__doc__)
     parser.add_argument("topics", nargs="*", help="full topic names; default: all of the namespace, and /clock")
     parser.add_argument("-a", "--all", action="store_true", help="record every topic there is")
-    parser.add_argument("-n", "--namespace", default=NAMESPACE, help=f"of the topics, default: {NAMESPACE}; --ros-args -r __ns:=/NAME says it too")
+    parser.add_argument(
+        "-n",
+        "--namespace",
+        default=NAMESPACE,
+        help=f"of the topics, default: {NAMESPACE}; --ros-args -r __ns:=/NAME says it too",
+    )
     parser.add_argument("-o", "--output", help="folder of the bag; default: rosbag2_<date and time>")
-    parser.add_argument("-d", "--duration", type=_duration, help="end so many seconds after the first message, of the time that --stamp says")
+    parser.add_argument(
+        "-d",
+        "--duration",
+        type=_duration,
+        help="end so many seconds after the first message, of the time that --stamp says",
+    )
     parser.add_argument(
         "--stamp", choices=["receive", "header"], default="receive",
         help="time a message is filed under: its arrival, or its own header stamp (stamped topics only), "

@@ -20,7 +20,8 @@ class Rest:
         self._said = self._rested = False
 
     def look(self, simulation: Simulation) -> bool:
-        """Whether a new run is due: it has been at rest for two looks, and nobody records. Says once that it rests, and why."""
+        """Whether a new run is due: it has been at rest for two looks, and nobody records. Says once that it rests, and
+        why."""
         rests = abs(simulation.x[4]) < STANDS and abs(simulation.begun_at) > STANDS
         due = rests and self._rested and self._may_begin_anew and not self._somebody_records()
         self._rested = rests and not due
@@ -34,13 +35,18 @@ class Rest:
         return any("record" in end.node_name for end in self._node.get_subscriptions_info_by_topic("pose"))
 
     def _sentence(self, simulation: Simulation) -> str:
-        after = "runs begin anew until this node ends (again:=false: they do not)" if self._may_begin_anew else "reset begins anew"
+        after = (
+            "runs begin anew until this node ends (again:=false: they do not)"
+            if self._may_begin_anew
+            else "reset begins anew"
+        )
         model = simulation.model
         if model.drive == "pulses":
             why = "no controller holds its speed; start track_controller with -p mode:=speed"
         else:
             why = (
-                f"below its balance speed drag beats the thrust of {model.parameters['drive_current']:g} A; start it faster "
-                "(initial_state:=surge_rate=17), or hold its speed: drive:=pulses here, and track_controller -p mode:=speed"
+                f"below its balance speed drag beats the thrust of {model.parameters['drive_current']:g} A; start it"
+                " faster (initial_state:=surge_rate=17), or hold its speed: drive:=pulses here, and track_controller"
+                " -p mode:=speed"
             )
         return f"the cradle has come to rest after {simulation.travelled:.1f} m: {why}. {after[0].upper()}{after[1:]}"

@@ -14,7 +14,12 @@ from .. import frames
 LENGTH = 6.0  # m of track that is drawn; it moves on by whole metres as the cradle does
 THICKNESS = 0.015  # m, of track and arrays
 NARROW = 2e-3  # m; a gap below this is drawn as a warning
-TRACK, CRADLE, WIDE_GAP, NARROW_GAP = (0.6, 0.6, 0.6, 0.5), (0.2, 0.35, 0.6, 0.9), (0.1, 0.7, 0.2, 1.0), (0.9, 0.1, 0.1, 1.0)
+TRACK, CRADLE, WIDE_GAP, NARROW_GAP = (
+    (0.6, 0.6, 0.6, 0.5),
+    (0.2, 0.35, 0.6, 0.9),
+    (0.1, 0.7, 0.2, 1.0),
+    (0.9, 0.1, 0.1, 1.0),
+)
 #: Tilt (rad about the travel) and outward normal (y left, z up) of the top, right and left faces of the track.
 TILTS = (0.0, 0.75 * np.pi, -0.75 * np.pi)
 _C = np.sqrt(0.5)
@@ -38,7 +43,9 @@ def scene(
     near = float(np.floor(surge))
     markers = []
 
-    def add(kind: int, name: str, colour: tuple[float, ...], scale: tuple[float, float, float], place, tilt=0.0) -> Marker:
+    def add(
+        kind: int, name: str, colour: tuple[float, ...], scale: tuple[float, float, float], place, tilt=0.0
+    ) -> Marker:
         marker = Marker(ns=name, id=0, type=kind)
         marker.header.stamp, marker.header.frame_id = stamp, frame
         marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = map(float, place)
@@ -53,13 +60,22 @@ def scene(
         width = p["width_top" if face == "top" else "width_side"]
         surface = centre - p["nominal_gap"] * outward  # where the track ends
         array = turn @ centre + (sway, heave)
-        add(Marker.CUBE, f"track {face}", TRACK, (LENGTH, width, THICKNESS), (near, *(surface - 0.5 * THICKNESS * outward)), tilt)
+        add(
+            Marker.CUBE,
+            f"track {face}",
+            TRACK,
+            (LENGTH, width, THICKNESS),
+            (near, *(surface - 0.5 * THICKNESS * outward)),
+            tilt,
+        )
         outside = array + 0.5 * THICKNESS * (turn @ outward)
         add(Marker.CUBE, f"array {face}", CRADLE, (p["array_length"], width, THICKNESS), (surge, *outside), tilt + roll)
         colour = NARROW_GAP if gap < NARROW else WIDE_GAP
         line = add(Marker.LINE_LIST, f"gap {face}", colour, (0.003, 0.0, 0.0), (0.0, 0.0, 0.0))
         front = surge + 0.5 * p["array_length"]
         line.points = [Point(x=front, y=float(y), z=float(z)) for y, z in (array, array - gap * outward)]
-        words = add(Marker.TEXT_VIEW_FACING, f"gap {face} (mm)", colour, (0.0, 0.0, 0.03), (front, *(array + 0.04 * outward)))
+        words = add(
+            Marker.TEXT_VIEW_FACING, f"gap {face} (mm)", colour, (0.0, 0.0, 0.03), (front, *(array + 0.04 * outward))
+        )
         words.text = f"{1e3 * gap:.1f} mm"
     return markers

@@ -142,7 +142,8 @@ class SimNode(Node):
                 self._resume()
                 return
             self._publish()
-            self._resume()  # the first state takes longer than others; time begins once it is out, or a rush would follow
+            # The first state takes longer than others; time begins once it is out, or a rush would follow.
+            self._resume()
         if self.paused:
             return
         if now - self._last_wake > 2.0 / rate:
@@ -210,7 +211,9 @@ class SimNode(Node):
             missing = f"no answer on lockstep/done to the pose at {self.simulation.time:.3f} s"
             if self._published and not self._missed:
                 self._missed = True
-                self.queue.silences += 1  # what it commanded before stays: simulated time stands still, so nothing fires
+                self.queue.silences += (
+                    1  # what it commanded before stays: simulated time stands still, so nothing fires
+                )
             if self._answer is not None:
                 missing = f"the answer speaks of {self._answer} pulses, {self._pulses_since_tick} came"
             self.get_logger().warning(
@@ -319,8 +322,7 @@ class SimNode(Node):
         effects = ", ".join(self.model.effects) or "none"
         mode = "in lockstep" if self._options["lockstep"] else f"at {self._options['speed_factor']:g} × real time"
         self.get_logger().info(
-            f"{freedom(self.model)}, drive: {self.model.drive}, effects: {effects}; "
-            f"{self._options['rate']:g} Hz {mode}"
+            f"{freedom(self.model)}, drive: {self.model.drive}, effects: {effects}; {self._options['rate']:g} Hz {mode}"
         )
 
     def _diagnose(self) -> None:

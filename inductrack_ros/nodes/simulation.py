@@ -58,7 +58,10 @@ class Simulation:
             self._quantities = self._finite(x, end, pulses, self._origin)
         except InputError as error:
             if self._quantities["thrust"] > self._quantities["magnetic_drag"]:
-                raise InputError(f"the cradle ran away, from {self.x[4]:.0f} m/s at {start:.3f} s: above its balance speed thrust beats drag; drive it less, then call reset") from error
+                raise InputError(
+                    f"the cradle ran away, from {self.x[4]:.0f} m/s at {start:.3f} s: above its balance speed thrust"
+                    " beats drag; drive it less, then call reset"
+                ) from error
             raise
         self.x = x
         self.ticks += 1

@@ -1,6 +1,6 @@
 """Entry points of the nodes: signals are minded before the slow imports, so that an early Ctrl-C is quiet too.
 
-    python -m inductrack_ros.nodes.start NAME …                 as the command NAME
+python -m inductrack_ros.nodes.start NAME …                 as the command NAME
 """
 
 from __future__ import annotations
@@ -29,8 +29,13 @@ def _run(module: str) -> None:
 
 def _main(module: str) -> int:
     node = import_module(f".{module}", __package__)
-    if {"-h", "--help"} & set(sys.argv[1:]) and not hasattr(node, "parse"):  # others have options of their own, and help for them
-        print(f"{node.__doc__}\n\nParameters: ros2 param describe, or docs/interfaces.md; set them with --ros-args -p NAME:=VALUE or --params-file FILE.")
+    if {"-h", "--help"} & set(sys.argv[1:]) and not hasattr(
+        node, "parse"
+    ):  # others have options of their own, and help for them
+        print(
+            f"{node.__doc__}\n\nParameters: ros2 param describe, or docs/interfaces.md; set them with --ros-args -p"
+            " NAME:=VALUE or --params-file FILE."
+        )
         return 0
     return node.main(sys.argv)
 

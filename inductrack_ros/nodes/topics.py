@@ -35,7 +35,9 @@ SETTLED = 0.5  # s without another listener; recorders look for topics more ofte
 FIELD_OF_VIEW = 0.05  # rad; a spot on the track
 #: Covariance (36,) of the truth: none to speak of, but 0 would mean that it is not known.
 EXACT = np.diag(np.full(6, 1e-12)).ravel()
-LOSSLESS = "in lockstep time waits for an answer to every pose, so none may be lost; give reliable, or leave lockstep off"
+LOSSLESS = (
+    "in lockstep time waits for an answer to every pose, so none may be lost; give reliable, or leave lockstep off"
+)
 NEWTON_METRES = 0.002  # length of a force arrow in m per N
 _COLOURS = {"lift": (0.1, 0.5, 1.0), "drag": (1.0, 0.3, 0.1), "thrust": (0.1, 0.8, 0.2), "total": (0.1, 0.1, 0.1)}
 _OTHER_COLOUR = (0.6, 0.2, 0.8)
@@ -77,13 +79,16 @@ class SimulatorTopics:
     """Publishers of the `sim` node, all below its namespace but /clock, /tf."""
 
     def __init__(self, node: Node, effects: Iterable[str], options: Mapping[str, object]) -> None:
-        """``options`` are the node's own parameters, `core.options.SIM`. Raises `InputError` for an override that cannot be."""
+        """``options`` are the node's own parameters, `core.options.SIM`. Raises `InputError` for an override that
+        cannot be."""
         reliability = options["reliability"]
         self._publishers: list[Publisher] = []
         self._listeners: list[int] = []  # as many to each publisher, and since when (s, monotonic)
         self._since = 0.0
 
-        def publisher(kind: type, name: str, depth: int = DEPTH, qos: QoSProfile | None = None, must: str = "") -> Publisher:
+        def publisher(
+            kind: type, name: str, depth: int = DEPTH, qos: QoSProfile | None = None, must: str = ""
+        ) -> Publisher:
             lossy = reliability == "best_effort" or (reliability == "sensor_data" and name.startswith("measured/"))
             made = qos_publisher(node, kind, name, qos or profile(not lossy, depth), must)
             self._publishers.append(made)
@@ -93,7 +98,8 @@ class SimulatorTopics:
         self._messages: dict[tuple[type, str], object] = {}
         self._prefix = options["frame_prefix"]
         self._frames = self._prefix + options["track_frame"], self._prefix + options["cradle_frame"]
-        # What others look up must not be lost, whatever is asked of the rest: tf2 and clocks of its listeners ask for this.
+        # What others look up must not be lost, whatever is asked of the rest: tf2 and clocks of its listeners ask for
+        # this.
         self._clock = publisher(Clock, "/clock", qos=profile()) if options["publish_clock"] else None
         self._tf = publisher(TFMessage, "/tf", qos=profile()) if TFMessage else None
         self._tf_static = publisher(TFMessage, "/tf_static", qos=profile(depth=1, latched=True)) if TFMessage else None
@@ -106,11 +112,17 @@ class SimulatorTopics:
         self._forces = publisher(MarkerArray, "forces")
         self._scene = publisher(MarkerArray, "scene")
         self._fired = publisher(PointStamped, "fired_pulses")
-        kinds = {f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}": kind for kind in (PoseStamped, TwistStamped, Imu, Range)}
-        self._measured = {name: publisher(kinds[s.message], f"measured/{name}", TICK_DEPTH) for name, s in INSTRUMENTS.items()}
+        kinds = {
+            f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}": kind
+            for kind in (PoseStamped, TwistStamped, Imu, Range)
+        }
+        self._measured = {
+            name: publisher(kinds[s.message], f"measured/{name}", TICK_DEPTH) for name, s in INSTRUMENTS.items()
+        }
 
     def _blank(self, kind: type, stamp: Time, frame: str | None = None):
-        """The one message of this type and frame, to be filled and published: making one takes longer than filling it."""
+        """The one message of this type and frame, to be filled and published: making one takes longer than filling
+        it."""
         frame = frame or self._frames[0]
         message = self._messages.get((kind, frame))
         if message is None:
@@ -147,7 +159,8 @@ class SimulatorTopics:
         wrenches: Mapping[str, np.ndarray],
         parameters: Mapping[str, float],
     ) -> None:
-        """What is wanted less often: odometry, gaps, forces apart, markers, transform; ``parameters`` are the model's."""
+        """What is wanted less often: odometry, gaps, forces apart, markers, transform; ``parameters`` are the
+        model's."""
         odometry = self._blank(Odometry, stamp)
         odometry.child_frame_id = self._frames[1]
         odometry.pose.covariance = odometry.twist.covariance = EXACT
@@ -173,9 +186,13 @@ class SimulatorTopics:
     def places(self, stamp: Time, parameters: Mapping[str, float]) -> None:
         """Where the gap sensors sit in the cradle; to be said once, and again where the model's geometry changes."""
         if self._tf_static:
-            self._tf_static.publish(TFMessage(transforms=gap_transforms(stamp, self._frames[1], self._prefix, parameters)))
+            self._tf_static.publish(
+                TFMessage(transforms=gap_transforms(stamp, self._frames[1], self._prefix, parameters))
+            )
 
-    def measured(self, stamp: Time, sample: Sample, parameters: Mapping[str, float], noise: Mapping[str, float]) -> None:
+    def measured(
+        self, stamp: Time, sample: Sample, parameters: Mapping[str, float], noise: Mapping[str, float]
+    ) -> None:
         """One sensor's sample. ``parameters`` are the model's, ``noise`` the standard deviation of each channel."""
         sensor, reading = sample.sensor, sample.reading
         values = np.array([reading[c] for c in SENSORS[sensor]])
@@ -188,7 +205,9 @@ class SimulatorTopics:
             message.orientation_covariance[0] = message.angular_velocity_covariance[0] = -1.0  # not measured
             specific_force = frames.accelerations_to_specific_force(values, sample.roll, parameters["gravity"])
             fill_vector(message.linear_acceleration, specific_force)
-            spread = frames.accelerations_to_specific_force(np.diag([noise[c] for c in SENSORS[sensor]]), sample.roll, 0.0)
+            spread = frames.accelerations_to_specific_force(
+                np.diag([noise[c] for c in SENSORS[sensor]]), sample.roll, 0.0
+            )
             message.linear_acceleration_covariance = (spread.T @ spread).ravel()
         else:
             message = self._gap_message(stamp, sensor, reading[sensor], parameters["nominal_gap"], noise[sensor])

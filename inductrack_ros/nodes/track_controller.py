@@ -95,12 +95,18 @@ class TrackController(Node):
     def _new_hold(self) -> SpeedHold:
         options = self._options
         return SpeedHold(
-            options["target_speed"], options["drive_current"], options["gain"], options["integral_gain"], options["max_current"]
+            options["target_speed"],
+            options["drive_current"],
+            options["gain"],
+            options["integral_gain"],
+            options["max_current"],
         )
 
     def _what_it_does(self) -> str:
         options = self._options
-        asked = f"{options['drive_current']:g} A" if options["mode"] == "current" else f"{options['target_speed']:g} m/s"
+        asked = (
+            f"{options['drive_current']:g} A" if options["mode"] == "current" else f"{options['target_speed']:g} m/s"
+        )
         return f"firing for {asked}, {1e3 * options['lead']:g} ms ahead"
 
     def _take_pose(self, message: PoseStamped) -> None:
@@ -129,7 +135,8 @@ class TrackController(Node):
             self._done.publish(UInt64MultiArray(data=[stamp, len(pulses)]))
 
     def _follows(self, stamp: int, surge: float) -> bool:
-        """Whether a pose can be the next of this run; after a reset or a jump of the clock the motion is learnt anew."""
+        """Whether a pose can be the next of this run; after a reset or a jump of the clock the motion is learnt
+        anew."""
         passed, moved = (stamp - self._newest) / 1e9, surge - self._surge
         return 0.0 <= passed <= AHEAD[0] and -BACK <= moved <= AHEAD[1]
 

@@ -29,7 +29,8 @@ def cradle_transform(stamp: Time, track: str, cradle: str, coordinates: np.ndarr
 
 
 def gap_transforms(stamp: Time, cradle: str, prefix: str, parameters: Mapping[str, float]) -> list[TransformStamped]:
-    """Of ``gap_top``, ``gap_right``, ``gap_left``: in the middle of each array, x towards the track, as a Range has it."""
+    """Of ``gap_top``, ``gap_right``, ``gap_left``: in the middle of each array, x towards the track, as a Range has
+    it."""
     made = []
     for face, centre, outward in arrays(parameters):
         x = np.array([0.0, *(-outward)])

@@ -99,9 +99,7 @@ class Lister(Watcher):
         alone = len(self.get_node_names()) < 2
         if (alone or time.monotonic() - self._new < SETTLED) and self.waited < LONGEST:
             return
-        rows = [
-            (t, ", ".join(topics[t]), self.count_publishers(t), self.count_subscribers(t)) for t in self._known
-        ]
+        rows = [(t, ", ".join(topics[t]), self.count_publishers(t), self.count_subscribers(t)) for t in self._known]
         print(words_of_list([r for r in rows if r[2] or r[3]]))
         self.finished = True
 
@@ -236,13 +234,19 @@ class Board(Watcher):
             print(line(self._view), flush=True)
 
     def _is_complete(self) -> bool:
-        """Whether all nodes of the namespace that are known to speak have spoken, and a state with its rates is there (one topic may be found late)."""
+        """Whether all nodes of the namespace that are known to speak have spoken, and a state with its rates is there
+        (one topic may be found late)."""
         speakers = {
             info.node_name for info in self.get_publishers_info_by_topic("/diagnostics")
             if info.node_namespace == self._view.namespace
         }  # fmt: skip
         state = {**self._view.measured, **self._view.truth}
-        return bool(speakers) and {"surge", "surge_rate"} <= set(state) and speakers <= set(self._view.statuses) and self.waited > SETTLED
+        return (
+            bool(speakers)
+            and {"surge", "surge_rate"} <= set(state)
+            and speakers <= set(self._view.statuses)
+            and self.waited > SETTLED
+        )
 
     def _follow_wrenches(self) -> None:
         """Each effect has a topic of its own, so they are found and not listed."""

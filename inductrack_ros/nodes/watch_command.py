@@ -12,12 +12,14 @@ EPILOG = """examples:
   inductrack watch measured/pose --once             one message
   inductrack watch twist --csv > twist.csv          a table, until Ctrl-C
 
-A TOPIC without a leading / is one of the namespace. Where the output is no terminal, the live view is one line a second."""
+A TOPIC without a leading / is one of the namespace. Where the output is no terminal, the live view is one line a second."""  # noqa: E501
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument("topic", metavar="TOPIC", nargs="?", help="print this topic's messages (default: the live view)")
+    parser.add_argument(
+        "topic", metavar="TOPIC", nargs="?", help="print this topic's messages (default: the live view)"
+    )
     parser.add_argument("-n", "--namespace", default="inductrack", help="namespace of the nodes (default: inductrack)")
     parser.add_argument("--list", action="store_true", help="list all topics, with their types and who is on them")
     parser.add_argument("--once", action="store_true", help="end after one message, or one view of the whole")
@@ -37,6 +39,7 @@ def run(arguments: argparse.Namespace) -> None:
         if (error.name or "").partition(".")[0] == __package__.partition(".")[0]:
             raise
         raise InputError(
-            f"watch needs ROS 2, and {error.name} is missing; source a distribution, or pip install 'inductrack_ros[ros]'"
+            f"watch needs ROS 2, and {error.name} is missing; source a distribution, or pip install"
+            " 'inductrack_ros[ros]'"
         ) from None
     watch(arguments.topic, arguments.namespace.strip("/"), arguments.list, arguments.once, arguments.csv)

@@ -110,7 +110,9 @@ def line(view: View) -> str:
     values = view.truth or view.measured
     parts = [view.when]
     parts += [
-        f"{name} {_value(name, values.get(name))} {shown(name)[1]}" for name in ("surge", "surge_rate", *GAPS) if name in values
+        f"{name} {_value(name, values.get(name))} {shown(name)[1]}"
+        for name in ("surge", "surge_rate", *GAPS)
+        if name in values
     ]
     if "total" in view.wrenches:
         parts.append("total force " + " ".join(f"{f:.1f}" for f in view.wrenches["total"][:3]) + " N")

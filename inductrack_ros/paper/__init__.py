@@ -1,1 +1,2 @@
-"""Kim and Ge (2012) reproduced: what the paper prints (`facts`), what the model gives (`runs`, `stability`, `drive`, `identification`), and the page."""
+"""Kim and Ge (2012) reproduced: what the paper prints (`facts`), what the model gives (`runs`, `stability`, `drive`,
+`identification`), and the page."""

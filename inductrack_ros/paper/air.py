@@ -15,7 +15,8 @@ WETTED_AREA = 1.0  # m²; the paper prints none, and force and effect are propor
 
 @dataclass(frozen=True)
 class Air:
-    """At one initial speed (m/s): friction and magnetic drag (N) there, and what friction takes from 1 s of travel (m), powered and coasting."""
+    """At one initial speed (m/s): friction and magnetic drag (N) there, and what friction takes from 1 s of travel (m),
+    powered and coasting."""
 
     speed: float
     friction: float

@@ -26,7 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", metavar="DIR", required=True, help="folder for report.html and paper.json; made if need be"
     )
-    parser.epilog = "example:\n  inductrack paper --output paper\n\nTakes half a minute. The page has every table, figure and claim of the paper beside what the model gives."
+    parser.epilog = (
+        "example:\n  inductrack paper --output paper\n\nTakes half a minute. The page has every table, figure and claim"
+        " of the paper beside what the model gives."
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:

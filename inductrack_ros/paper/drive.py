@@ -42,7 +42,8 @@ def thrust_in_time(
 
 
 def mean_ratio(model: Model, speed: float, delay: float = 0.0) -> float:
-    """Mean thrust pulse by pulse over that of the averaged law, at a held speed: one pulse's impulse, once every half wavelength."""
+    """Mean thrust pulse by pulse over that of the averaged law, at a held speed: one pulse's impulse, once every half
+    wavelength."""
     pulsed = model.with_changes(drive="pulses")
     pulse = passing_pulses(pulsed, speed, delay, range(1))
     x = pulsed.initial_state(surge_rate=speed)
@@ -65,7 +66,8 @@ def closed_formula(model: Model, speed: float | Array, delay: float | Array = 0.
 
 
 def run_by_pulses(model: Model, speed: float, duration: float, delay: float = 0.0) -> tuple[Array, Array]:
-    """Times (n,) and states (n, 8) of a free run: at each coil the controller sees the speed and times the next pulse by it."""
+    """Times (n,) and states (n, 8) of a free run: at each coil the controller sees the speed and times the next pulse
+    by it."""
     pulsed = model.with_changes(drive="pulses")
     pitch, tau, current = (model.parameters[k] for k in ("wavelength", "pulse_length", "drive_current"))
     pitch /= 2
@@ -88,7 +90,8 @@ def run_by_pulses(model: Model, speed: float, duration: float, delay: float = 0.
 
 @dataclass(frozen=True)
 class FreeRun:
-    """Travel (m) in 1 s from ``speed`` (m/s): averaged, by pulses, and averaged with the effect `finite_pulse_width`."""
+    """Travel (m) in 1 s from ``speed`` (m/s): averaged, by pulses, and averaged with the effect
+    `finite_pulse_width`."""
 
     speed: float
     averaged: float
@@ -98,7 +101,8 @@ class FreeRun:
 
 @dataclass(frozen=True)
 class DriveTest:
-    """Free runs, the speed (m/s) up to which the averaged law is within 1 %, and the mean thrust over it at some speeds."""
+    """Free runs, the speed (m/s) up to which the averaged law is within 1 %, and the mean thrust over it at some
+    speeds."""
 
     runs: list[FreeRun]
     good_to: float

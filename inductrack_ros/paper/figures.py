@@ -1,4 +1,5 @@
-"""The paper's figures and those of the tests beside them, drawn from finished numbers; the unit of each axis is the paper's."""
+"""The paper's figures and those of the tests beside them, drawn from finished numbers; the unit of each axis is the
+paper's."""
 
 from __future__ import annotations
 
@@ -30,24 +31,52 @@ def picture(rows: Sequence[Row]) -> Figure:
     shown.sort(key=lambda r: (r.verdict != AGREES, r.verdict != CLOSE, abs(np.log(abs(r.found / r.claim.value)))))
     ratio = np.array([r.found / r.claim.value for r in shown])
     hover = [
-        f"<b>{r.claim.name}</b>, {r.claim.place}<br>paper {number(r.claim.value, 4)} {r.claim.unit}, model {number(r.found, 4)}<br>{r.verdict}"
+        f"<b>{r.claim.name}</b>, {r.claim.place}<br>paper {number(r.claim.value, 4)} {r.claim.unit}, model"
+        f" {number(r.found, 4)}<br>{r.verdict}"
         for r in shown
     ]
     words = ["opposite sign" if q < 0 else "" if 0.97 < q < 1.03 else f"{number(q, 2)} ×" for q in ratio]
     data = [
         {
-            "type": "scatter", "mode": "markers+text", "x": np.maximum(np.abs(ratio), FAR).tolist(), "y": [r.claim.name for r in shown],
-            "text": words, "textposition": ["middle right" if abs(q) < 0.1 else "middle left" for q in ratio], "hovertext": hover, "hoverinfo": "text",
-            "marker": {"color": [COLOUR.get(r.verdict, "@before") for r in shown], "size": 11, "symbol": ["x" if q < 0 else "circle" for q in ratio]},
-            "showlegend": False, "cliponaxis": False,
+            "type": "scatter",
+            "mode": "markers+text",
+            "x": np.maximum(np.abs(ratio), FAR).tolist(),
+            "y": [r.claim.name for r in shown],
+            "text": words,
+            "textposition": ["middle right" if abs(q) < 0.1 else "middle left" for q in ratio],
+            "hovertext": hover,
+            "hoverinfo": "text",
+            "marker": {
+                "color": [COLOUR.get(r.verdict, "@before") for r in shown],
+                "size": 11,
+                "symbol": ["x" if q < 0 else "circle" for q in ratio],
+            },
+            "showlegend": False,
+            "cliponaxis": False,
         }
-    ]  # fmt: skip
+    ]
     layout = {
-        "xaxis": {"title": "model ÷ paper", "type": "log", "range": [np.log10(FAR), np.log10(6)], "tickvals": [1e-3, 1e-2, 0.1, 1], "ticktext": ["1/1000", "1/100", "1/10", "1"]},
+        "xaxis": {
+            "title": "model ÷ paper",
+            "type": "log",
+            "range": [np.log10(FAR), np.log10(6)],
+            "tickvals": [1e-3, 1e-2, 0.1, 1],
+            "ticktext": ["1/1000", "1/100", "1/10", "1"],
+        },
         "yaxis": {"type": "category", "autorange": True},
-        "shapes": [{"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1, "line": {"color": "@soft", "width": 1}}],
+        "shapes": [
+            {
+                "type": "line",
+                "x0": 1,
+                "x1": 1,
+                "yref": "paper",
+                "y0": 0,
+                "y1": 1,
+                "line": {"color": "@soft", "width": 1},
+            }
+        ],
         "margin": {"l": 8, "r": 20, "t": 8, "b": 8},
-    }  # fmt: skip
+    }
     return Figure(
         data,
         layout,
@@ -136,9 +165,7 @@ def figure_7(runs: Runs) -> tuple[Figure, Figure, Figure]:
     mark = at(touch, f"touches at {touch:.2f} s")
     a = Figure(
         [line(t, 1e3 * run["gap_top"][thin], "gap", BLUE)],
-        axes(
-            "time (s)", "gap under the top array (mm)", [at(touch, f"touches at {touch:.4f} s")], showlegend=False
-        ),
+        axes("time (s)", "gap under the top array (mm)", [at(touch, f"touches at {touch:.4f} s")], showlegend=False),
         "Figure 7a: gap over time, touching at 1.19 s",
     )
     b_layout = axes("time (s)", "travel (m)", [mark], yaxis={"rangemode": "tozero"})
@@ -388,13 +415,17 @@ def drive(model) -> Figure:
         for n in ("2", "3")
     ]
     layout = {
-        "xaxis": {"title": "time (ms)", "domain": [0, 0.27]}, "yaxis": {"title": "thrust (kN)"},
+        "xaxis": {"title": "time (ms)", "domain": [0, 0.27]},
+        "yaxis": {"title": "thrust (kN)"},
         "xaxis2": {"title": "speed (m/s)", "domain": [0.36, 0.63], "anchor": "y2", "range": [0, 102]},
         "yaxis2": {"title": "mean thrust ÷ averaged law", "anchor": "x2", "range": [-0.15, 1.1]},
         "xaxis3": {"title": "delay (ms)", "domain": [0.73, 1], "anchor": "y3"},
         "yaxis3": {"title": "mean thrust ÷ averaged law", "anchor": "x3", "range": [-1.1, 1.1]},
-        "annotations": notes, "shapes": band, "legend": {"orientation": "h", "x": 0, "y": -0.2, "yanchor": "top"}, "margin": {"l": 8, "r": 8, "t": 40, "b": 8},
-    }  # fmt: skip
+        "annotations": notes,
+        "shapes": band,
+        "legend": {"orientation": "h", "x": 0, "y": -0.2, "yanchor": "top"},
+        "margin": {"l": 8, "r": 8, "t": 40, "b": 8},
+    }
     return Figure(
         data,
         layout,
@@ -416,6 +447,4 @@ def answers(found: np.ndarray, truth: Sequence[float], one: Answer) -> Figure:
         line(*ellipse, "95 % ellipse as stated", "@soft", width=1),
         dots([truth[0]], [truth[1]], "true", ORANGE, size=12, symbol="cross"),
     ]
-    return Figure(
-        data, axes("η", "γ", xaxis={"nticks": 5}), f"Answers of {len(found)} simulated identifications", 320
-    )
+    return Figure(data, axes("η", "γ", xaxis={"nticks": 5}), f"Answers of {len(found)} simulated identifications", 320)

@@ -1,8 +1,8 @@
-"""What four travel distances really determine about η and γ: the identification (28), simulated where the answer is known.
+"""What four travel distances really determine about η and γ: the identification (28), simulated where the answer is
+known.
 
-The paper's four measured distances are not available here. So distances are simulated with the published η and γ, noise is added, and
-the fit must come back to where it began, within the interval it states.
-"""
+The paper's four measured distances are not available here. So distances are simulated with the published η and γ, noise
+is added, and the fit must come back to where it began, within the interval it states."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ class Answer:
 
 @dataclass(frozen=True)
 class Precision:
-    """What four distances from these initial speeds (m/s), each to `STD`, could tell at best: relative std of each of `FREE`, and their correlation."""
+    """What four distances from these initial speeds (m/s), each to `STD`, could tell at best: relative std of each of
+    `FREE`, and their correlation."""
 
     speeds: tuple[float, ...]
     travels: Array
@@ -96,7 +97,8 @@ def coverage(
     seed: int = SEED,
     noise_known: bool = True,
 ) -> tuple[dict[str, int], Array]:
-    """How often, out of ``replicates`` simulated identifications, each 95 % interval holds the truth; and all answers (n, 2)."""
+    """How often, out of ``replicates`` simulated identifications, each 95 % interval holds the truth; and all answers
+    (n, 2)."""
     values, exact = truth(model), simulated(model, speeds, std, None)
     noises = std * np.random.default_rng(seed).standard_normal((replicates, len(speeds)))
 

@@ -10,7 +10,8 @@ PACKAGE = "inductrack_ros"
 
 
 def config_file(name: str) -> Path:
-    """A file of ``config/``: beside the package in a checkout, under ``share/`` where installed. Raises `InputError`."""
+    """A file of ``config/``: beside the package in a checkout, under ``share/`` where installed. Raises
+    `InputError`."""
     for folder in Path(__file__).resolve().parents:
         for place in (folder / "config" / name, folder / "share" / PACKAGE / "config" / name):
             if place.is_file():

@@ -111,7 +111,10 @@ def verdict(rows: Sequence[Row]) -> str:
     if n := len(kinds) - kinds.count("typo") - kinds.count("contradiction"):
         why.append(f"{n} for other reasons")
     rest = f"; {count[DISAGREES]} do not: {listed(why)}" if count[DISAGREES] else ""
-    return f"Of {len(rows)} numbers and claims the paper prints, its own equations give {count[AGREES]}, and {count[CLOSE]} nearly{rest}."
+    return (
+        f"Of {len(rows)} numbers and claims the paper prints, its own equations give {count[AGREES]}, and"
+        f" {count[CLOSE]} nearly{rest}."
+    )
 
 
 def results(work: Reproduction) -> dict[str, Any]:
@@ -121,14 +124,30 @@ def results(work: Reproduction) -> dict[str, Any]:
     return {
         "verdict": verdict(rows),
         "claims": [
-            {"id": r.claim.id, "place": r.claim.place, "says": r.claim.says, "paper": r.claim.value, "model": r.found, "unit": r.claim.unit,
-             "verdict": r.verdict, "kind": r.claim.kind, "why": r.why}
+            {
+                "id": r.claim.id,
+                "place": r.claim.place,
+                "says": r.claim.says,
+                "paper": r.claim.value,
+                "model": r.found,
+                "unit": r.claim.unit,
+                "verdict": r.verdict,
+                "kind": r.claim.kind,
+                "why": r.why,
+            }
             for r in rows
         ],
         "beyond_the_paper": work.claims.beyond,
         "identification": {
             n: {"value": v, "std": s, "nelder_mead": nm, "interval": [p.low, p.high], "covered": held[n]}
-            for n, v, s, nm, p in zip(FREE, work.identified.fit.values, work.identified.fit.std, work.identified.fit.nelder_mead, work.identified.profiles, strict=True)
+            for n, v, s, nm, p in zip(
+                FREE,
+                work.identified.fit.values,
+                work.identified.fit.std,
+                work.identified.fit.nelder_mead,
+                work.identified.profiles,
+                strict=True,
+            )
         },
         "replicates": len(answers),
-    }  # fmt: skip
+    }

@@ -72,7 +72,8 @@ class Runs:
 
     @cached_property
     def figure_5(self) -> dict[str, Array]:
-        """Over speed: net lift in the zero pose (N), and the gap on which lift equals weight (m; from the lowest speed that carries)."""
+        """Over speed: net lift in the zero pose (N), and the gap on which lift equals weight (m; from the lowest speed
+        that carries)."""
         speed = np.linspace(0.5, 60.0, 239)
         q = [self.forces_at(v, 0.0) for v in speed]
         lift = np.array([f["force_heave"] for f in q]) + self.weight
@@ -137,7 +138,9 @@ class Runs:
     ) -> tuple[float, float]:
         """Travel (m) and speed (m/s) after ``duration`` s from a start on the equilibrium heave."""
         model = model or self.model
-        run = model.simulate(np.array([0.0, duration]), model.initial_state(surge_rate=speed, drive_current=drive_current), drive_current)
+        run = model.simulate(
+            np.array([0.0, duration]), model.initial_state(surge_rate=speed, drive_current=drive_current), drive_current
+        )
         return float(run["surge"][-1]), float(run["surge_rate"][-1])
 
     # -- Figures 7 and 10 --------------------------------------------------------------------------------------
@@ -200,7 +203,8 @@ class Runs:
 
     @cached_property
     def second_touch_range(self) -> tuple[float, float]:
-        """The same over other assumed geometries: roll inertia and the arrays' places each a tenth smaller and larger; infinite: not in 6 s."""
+        """The same over other assumed geometries: roll inertia and the arrays' places each a tenth smaller and larger;
+        infinite: not in 6 s."""
         times = np.linspace(0.0, 6.0, 6 * RATE + 1)
         found = []
         for name in ("roll_inertia", "magnet_top_height", "magnet_side_offset", "magnet_side_height"):

@@ -1,7 +1,7 @@
 """The model made linear about steady flight: stiffness, natural frequencies, damping, and what grows.
 
-Steady flight at a speed needs a thrust that equals the drag: the drive current is trimmed so. Steady values of the coil current are
-the paper's; with the effect `coil_current_dynamics` the current lags (Post and Ryutov), two states more.
+Steady flight at a speed needs a thrust that equals the drag: the drive current is trimmed so. Steady values of the coil
+current are the paper's; with the effect `coil_current_dynamics` the current lags (Post and Ryutov), two states more.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _NONE = np.empty(0)
 class Modes:
     """Small motions about steady flight at ``speed`` (m/s).
 
-    Stiffnesses in N/m and N·m/rad, ``sway_roll`` the coupling of both (N/rad); frequencies in Hz; dampings in N·s/m of a damper in heave that would do
-    the same; ``growth`` (1/s) of a speed error; ``gap`` (m) under the top array; ``drive_current`` (A) that holds the speed.
-    """
+    Stiffnesses in N/m and N·m/rad, ``sway_roll`` the coupling of both (N/rad); frequencies in Hz; dampings in N·s/m of
+    a damper in heave that would do the same; ``growth`` (1/s) of a speed error; ``gap`` (m) under the top array;
+    ``drive_current`` (A) that holds the speed."""
 
     speed: float
     gap: float

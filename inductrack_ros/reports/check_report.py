@@ -1,4 +1,5 @@
-"""The report of `inductrack check`: can these data be meant as they are written, what is set aside, what may mislead."""
+"""The report of `inductrack check`: can these data be meant as they are written, what is set aside, what may
+mislead."""
 
 from __future__ import annotations
 
@@ -49,9 +50,14 @@ def verdict(result: Check) -> str:
     runs = "The one run" if len(result.campaign.runs) == 1 else f"All {len(result.campaign.runs)} runs"
     if result.verdict == "impossible":
         wrong = [f for f in result.findings if f.severity == IMPOSSIBLE]
-        return "The data cannot be meant as they are written" + (f": {len(wrong)} things cannot be so." if len(wrong) > 1 else ".")
+        return "The data cannot be meant as they are written" + (
+            f": {len(wrong)} things cannot be so." if len(wrong) > 1 else "."
+        )
     if result.verdict == "clean":
-        return f"Nothing wrong was found in the data. {runs} can be used as {'it is' if len(result.campaign.runs) == 1 else 'they are'}."
+        return (
+            f"Nothing wrong was found in the data. {runs} can be used as"
+            f" {'it is' if len(result.campaign.runs) == 1 else 'they are'}."
+        )
     parts = [f for f in result.findings if f.severity == SET_ASIDE]
     hints = [f for f in result.findings if f.severity == WARNING]
     said = ([f"{len(parts)} thing{_s(parts)} {'is' if len(parts) == 1 else 'are'} left out"] if parts else []) + (
@@ -68,7 +74,11 @@ def _lead(result: Check) -> str:
     said = result.findings[:SAID]
     if not said:
         channels = listed([title(c).lower() for c in result.channels])
-        return markup("<p>Looked at: clocks, single samples, sensors, noise, and whether {} fit each other and the model's motion.</p>", channels)
+        return markup(
+            "<p>Looked at: clocks, single samples, sensors, noise, and whether {} fit each other and the model's"
+            " motion.</p>",
+            channels,
+        )
     more = len(result.findings) - len(said)
     rest = markup('<p><a href="#findings">{} more</a></p>', more) if more else ""
     return findings_list(said) + rest
@@ -86,23 +96,43 @@ def _findings(result: Check) -> str:
 
 
 def _noise(result: Check) -> Figure:
-    """Bars of noise found beside noise stated, each over the stated one (or over the found one where none is stated)."""
+    """Bars of noise found beside noise stated, each over the stated one (or over the found one where none is
+    stated)."""
     channels = [c for c, about in result.channels.items() if math.isfinite(about.noise) and about.noise > 0]
     names = [title(c) for c in channels]
     stated = [result.campaign.noise_std.get(c) for c in channels]
     found = [result.channels[c].noise / (s or result.channels[c].noise) for c, s in zip(channels, stated, strict=True)]
-    words = [in_channel(c, result.channels[c].noise) + ("" if s else ", none stated") for c, s in zip(channels, stated, strict=True)]
+    words = [
+        in_channel(c, result.channels[c].noise) + ("" if s else ", none stated")
+        for c, s in zip(channels, stated, strict=True)
+    ]
     bars = {
-        "type": "bar", "orientation": "h", "name": "found", "y": names, "x": found, "text": words, "textposition": "auto",
+        "type": "bar",
+        "orientation": "h",
+        "name": "found",
+        "y": names,
+        "x": found,
+        "text": words,
+        "textposition": "auto",
         "marker": {"color": ["@after" if 1 / 1.5 < f < 1.5 else "@before" for f in found]},
         "hovertemplate": "%{y}: %{text}<extra></extra>",
-    }  # fmt: skip
+    }
     wide = bool(found) and (max(found) > 5 or min(found) < 0.2)
     axis = {"title": "noise found over noise stated", "type": "log" if wide else "linear", "zeroline": False}
     layout = {
         "xaxis": axis,
         "yaxis": {"autorange": "reversed", "automargin": True},
-        "shapes": [{"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1, "line": {"color": "@good", "width": 1.5, "dash": "dash"}}],
+        "shapes": [
+            {
+                "type": "line",
+                "x0": 1,
+                "x1": 1,
+                "yref": "paper",
+                "y0": 0,
+                "y1": 1,
+                "line": {"color": "@good", "width": 1.5, "dash": "dash"},
+            }
+        ],
         "showlegend": False,
         "margin": {"t": 20},
     }
@@ -127,13 +157,14 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
     if finding.channel == "surge" and len(seen) > 1:  # its travel would hide all else
         values = values - np.polynomial.Polynomial.fit(run.times[seen], values[seen], 1)(run.times)
         axis = "off a steady travel"
-    data = [_dots(run, others, values, "@measured", "used"), _dots(run, marked, values, "@before", CALLED[finding.severity])]
-    layout = {
-        "xaxis": {"title": "time, s"},
-        "yaxis": {"title": f"{axis}, {unit}"},
-        "margin": {"t": 10},
-    }
-    return page.figure(Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{name}: {finding.text}.")
+    data = [
+        _dots(run, others, values, "@measured", "used"),
+        _dots(run, marked, values, "@before", CALLED[finding.severity]),
+    ]
+    layout = {"xaxis": {"title": "time, s"}, "yaxis": {"title": f"{axis}, {unit}"}, "margin": {"t": 10}}
+    return page.figure(
+        Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{name}: {finding.text}."
+    )
 
 
 def _motion(finding: Finding) -> Figure:
@@ -141,7 +172,14 @@ def _motion(finding: Finding) -> Figure:
     off, then = finding.size["off"], finding.size["then"]
     channels = [c for c in off if c in then]
     bars = [
-        {"type": "bar", "orientation": "h", "name": name, "y": [title(c) for c in channels], "x": [min(f[c], 2.0) for c in channels], "marker": {"color": colour}}
+        {
+            "type": "bar",
+            "orientation": "h",
+            "name": name,
+            "y": [title(c) for c in channels],
+            "x": [min(f[c], 2.0) for c in channels],
+            "marker": {"color": colour},
+        }
         for name, f, colour in (("as written", off, "@before"), ("as it may be meant", then, "@after"))
     ]
     layout = {
@@ -150,7 +188,13 @@ def _motion(finding: Finding) -> Figure:
         "yaxis": {"autorange": "reversed", "automargin": True},
         "margin": {"t": 10},
     }
-    return Figure(bars, layout, "How far each channel is from the model's motion, as written and as it may be meant", 130 + 44 * len(channels), fixed=True)
+    return Figure(
+        bars,
+        layout,
+        "How far each channel is from the model's motion, as written and as it may be meant",
+        130 + 44 * len(channels),
+        fixed=True,
+    )
 
 
 def _dots(run: Run, rows: np.ndarray, values: np.ndarray, colour: str, name: str) -> dict[str, object]:

@@ -57,7 +57,9 @@ def compare_report(result: Comparison) -> str:
             page,
             [_traces(r) for r in result.runs],
             result.noise,
-            opening=Opening((worst.run.name, _worst_channel(worst)), ("by this model", ""), result.error <= NOISE_ALONE),
+            opening=Opening(
+                (worst.run.name, _worst_channel(worst)), ("by this model", ""), result.error <= NOISE_ALONE
+            ),
         ),
     )
     page.section("Where it fails" if result.error > NOISE_ALONE else "By speed, gap and place", _where(page, result))
@@ -103,7 +105,9 @@ def _lead(result: Comparison) -> str:
     points.append(model_words(result))
     if result.error > NOISE_ALONE:
         points.append(
-            markup("<code>inductrack diagnose</code> refits the parameters and says which effect is missing, if one is.")
+            markup(
+                "<code>inductrack diagnose</code> refits the parameters and says which effect is missing, if one is."
+            )
         )
     return bullets(points)
 
@@ -130,7 +134,8 @@ def _region_words(region: Region) -> str:
 
 
 def model_words(result: Comparison) -> str:
-    """The model in words: its effects, and the parameters that are not those of the campaign's, or else the paper's, model."""
+    """The model in words: its effects, and the parameters that are not those of the campaign's, or else the paper's,
+    model."""
     model, campaign = result.model, result.campaign
     whose, base = "the paper's", Model.default()
     if campaign.model is not None:
@@ -212,7 +217,13 @@ def _where(page: Page, result: Comparison) -> str:
         if len(of_kind := [s for s in result.stretches if s.by == by]) > 1
     )
     meaning = (
-        markup("<p><strong>Open loop</strong>, an error stays once it is made. <strong>Restarted</strong> every {:g} s from a state fitted to that window, only what goes wrong there and then is left: it points at the place, the speed or the touch where the model fails. An error that is small everywhere and only adds up (a little drag) shows in the open loop alone.</p>", WINDOW)
+        markup(
+            "<p><strong>Open loop</strong>, an error stays once it is made. <strong>Restarted</strong> every {:g} s"
+            " from a state fitted to that window, only what goes wrong there and then is left: it points at the place,"
+            " the speed or the touch where the model fails. An error that is small everywhere and only adds up (a"
+            " little drag) shows in the open loop alone.</p>",
+            WINDOW,
+        )
         if restarted
         else markup("<p>Open loop: an error stays once it is made.</p>")
     )
@@ -271,7 +282,11 @@ def _stretch_figure(stretches: list[Stretch], by: str, well: bool) -> Figure:
 
     data = [bars([s.error for s in stretches], "open loop", "@after" if well else "@before", -1)]
     if any(s.restarted is not None for s in stretches):
-        data.append(bars([s.restarted for s in stretches], f"restarted every {WINDOW:g} s", "@measured" if well else "@after", 1))
+        data.append(
+            bars(
+                [s.restarted for s in stretches], f"restarted every {WINDOW:g} s", "@measured" if well else "@after", 1
+            )
+        )
     tops = [v for s in stretches for v in (s.error, s.restarted) if v is not None and math.isfinite(v)]
     layout = {
         "barmode": "overlay" if width else "group",
@@ -306,7 +321,11 @@ def _runs(result: Comparison) -> str:
         holds = "to its end" if r.holds_for is None else f"{number(r.holds_for, 2)} s"
         errors, rmse = r.errors, r.rmse
         cells = [
-            markup('{} <span class="soft">({})</span>', ratio(errors[c]), in_channel(c, rmse[c], 2)) if c in errors else "–"
+            (
+                markup('{} <span class="soft">({})</span>', ratio(errors[c]), in_channel(c, rmse[c], 2))
+                if c in errors
+                else "–"
+            )
             for c in channels
         ]
         about = _about(r)
@@ -360,7 +379,10 @@ def _basis(result: Comparison) -> str:
     )
     return (
         noise
-        + markup("<p class='soft'>Speed, gap, place and contact are as measured where they were measured, else as predicted. ")
+        + markup(
+            "<p class='soft'>Speed, gap, place and contact are as measured where they were measured, else as"
+            " predicted. "
+        )
         + markup("{}</p>", contact)
         + folded("Initial states", states)
         + folded("Parameters of the model", parameters)

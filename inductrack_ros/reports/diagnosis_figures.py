@@ -81,7 +81,11 @@ def _line_at_one(axis: str) -> dict[str, Any]:
 def unknown_figure(result: Diagnosis) -> Figure:
     unknown = result.unknown
     named, (factor, unit), _ = law(unknown)
-    at, force, half = np.asarray(unknown.at, float), factor * np.asarray(unknown.force, float), factor * np.asarray(unknown.band, float)
+    at, force, half = (
+        np.asarray(unknown.at, float),
+        factor * np.asarray(unknown.force, float),
+        factor * np.asarray(unknown.band, float),
+    )
     quiet = {"type": "scatter", "mode": "lines", "showlegend": False}
     band = quiet | {
         "x": packed(np.concatenate([at, at[::-1]])),
@@ -146,7 +150,8 @@ def share(result: Diagnosis, limit: Limit) -> float:
 
 
 def matters(result: Diagnosis, limit: Limit) -> tuple[float, str]:
-    """A size at which an effect matters, with its unit; an error in a channel's unit matters from ten times its noise."""
+    """A size at which an effect matters, with its unit; an error in a channel's unit matters from ten times its
+    noise."""
     channel = limit.name.partition(":")[2]
     one = declared(result, full(limit.name, limit.parameter))
     if one.per_channel == "size" and channel in result.noise:

@@ -36,7 +36,8 @@ SHOWN = 8
 
 
 def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str] = ()) -> str:
-    """The whole page, under another ``sentence`` than the verdict's where one is given; ``notes`` are the campaign's."""
+    """The whole page, under another ``sentence`` than the verdict's where one is given; ``notes`` are the
+    campaign's."""
     page = Page(
         title=result.campaign,
         kind="What the model misses",
@@ -105,7 +106,10 @@ def _lead(result: Diagnosis) -> str:
 
 def _picture(page: Page, result: Diagnosis) -> str:
     if result.unknown is not None and len(result.unknown.at):
-        return page.figure(unknown_figure(result), f"The missing force, as the data show it, with its 95 % band{LAWS_DRAWN if result.laws else ''}.")
+        return page.figure(
+            unknown_figure(result),
+            f"The missing force, as the data show it, with its 95 % band{LAWS_DRAWN if result.laws else ''}.",
+        )
     if len(result.steps) > 1:
         return page.figure(steps_figure(result), "Each step adds one effect and refits everything. 1 is noise alone.")
     if result.limits:
@@ -122,12 +126,19 @@ def _open(result: Diagnosis) -> str:
     for effect, rivals in result.indistinguishable.items():
         names = joined([markup("<strong>{}</strong>", effect_name(r)) for r in rivals], " or ")
         parts.append(
-            markup("<p>Instead of <strong>{}</strong> it could be {}: these data fit both.</p>", effect_name(effect), names)
+            markup(
+                "<p>Instead of <strong>{}</strong> it could be {}: these data fit both.</p>", effect_name(effect), names
+            )
         )
     if result.next_experiment:
-        apart = [f"{effect_name(n)}: {number(s, 2)} standard deviations" for n, s in (result.proposal.sigmas.items() if result.proposal else ())]
-        tail = markup("<br>Expected difference from {}.", '; from '.join(apart)) if apart else ""
-        parts.append(markup('<div class="box"><strong>Next experiment.</strong> {}{}</div>', result.next_experiment, tail))
+        apart = [
+            f"{effect_name(n)}: {number(s, 2)} standard deviations"
+            for n, s in (result.proposal.sigmas.items() if result.proposal else ())
+        ]
+        tail = markup("<br>Expected difference from {}.", "; from ".join(apart)) if apart else ""
+        parts.append(
+            markup('<div class="box"><strong>Next experiment.</strong> {}{}</div>', result.next_experiment, tail)
+        )
     return joined(parts)
 
 
@@ -167,23 +178,29 @@ def _try_it(page: Page, result: Diagnosis) -> str:
     html = explorer(page, runs, result.noise, _switches(result), variants, Opening(start, words, well))
     if len(variants) == 1:
         return html
-    return (
-        markup("<p>Switch an effect off and see which measurements need it. Each combination was fitted beforehand: its parameters and initial states are the best it can do.</p>{}", html)
+    return markup(
+        "<p>Switch an effect off and see which measurements need it. Each combination was fitted beforehand: its"
+        " parameters and initial states are the best it can do.</p>{}",
+        html,
     )
 
 
 def _rivals(result: Diagnosis) -> str:
     parts = []
     for beside in dict.fromkeys(r.beside for r in result.rivals):
-        round_ = sorted((r for r in result.rivals if r.beside == beside), key=lambda r: (not r.chosen, not r.refitted, -r.chi2_fall))
+        round_ = sorted(
+            (r for r in result.rivals if r.beside == beside), key=lambda r: (not r.chosen, not r.refitted, -r.chi2_fall)
+        )
         if beside:
             parts.append(markup("<h3>With {} in the model</h3>", listed([effect_name(b) for b in beside])))
         parts.append(_rival_table(result, round_[:SHOWN]))
         if len(round_) > SHOWN:
             parts.append(folded(f"{len(round_) - SHOWN} more that do worse", _rival_table(result, round_[SHOWN:])))
-    return (
-        markup("<p>Each of the promising ones was added and everything refitted; the others stand below with what they promise to first order. The evidence is the fall in χ² beyond what chance alone gives to the best of so many tried.</p>") + joined(parts)
-    )
+    return markup(
+        "<p>Each of the promising ones was added and everything refitted; the others stand below with what they promise"
+        " to first order. The evidence is the fall in χ² beyond what chance alone gives to the best of so many"
+        " tried.</p>"
+    ) + joined(parts)
 
 
 def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
@@ -194,7 +211,11 @@ def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
         style = "good-word" if r.chosen else "warn-word" if r.name in confused else ""
         words = r.words or ("chosen" if r.chosen else "")
         sizes = markup("<br>").join(
-            markup("<span class='num'>{} {}</span>", symbol(p), sized(v, r.std.get(p), declared(result, full(r.name, p)).unit))
+            markup(
+                "<span class='num'>{} {}</span>",
+                symbol(p),
+                sized(v, r.std.get(p), declared(result, full(r.name, p)).unit),
+            )
             for p, v in r.size.items()
             if "[" not in p
         )
@@ -238,8 +259,11 @@ def _where(page: Page, rival: Rival) -> str:
         }
         label = f"Part of the evidence for {effect_name(rival.name)} by {by}"
         figures.append(page.figure(Figure([data], layout, label, 240, fixed=True)))
-    return (
-        markup('<h3>{}</h3><p>Which data ask for it, as shares of the fall in χ²: what only one run asks for is less certain than what all do.</p><div class="two">{}</div>', effect_name(rival.name)[:1].upper() + effect_name(rival.name)[1:], joined(figures))
+    return markup(
+        "<h3>{}</h3><p>Which data ask for it, as shares of the fall in χ²: what only one run asks for is less certain"
+        ' than what all do.</p><div class="two">{}</div>',
+        effect_name(rival.name)[:1].upper() + effect_name(rival.name)[1:],
+        joined(figures),
     )
 
 
@@ -249,7 +273,10 @@ def _before_and_after(result: Diagnosis) -> str:
     whole = [
         c
         for s in result.steps
-        for c in (markup("<strong>{}</strong>", ratio(math.sqrt(s.reduced_chi2))), markup("<strong>{}</strong>", ratio(s.heldout_nrmse)))
+        for c in (
+            markup("<strong>{}</strong>", ratio(math.sqrt(s.reduced_chi2))),
+            markup("<strong>{}</strong>", ratio(s.heldout_nrmse)),
+        )
     ]
     each = [
         [title(c), *(x for s in result.steps for x in (ratio(s.errors.get(c)), ratio(s.heldout_errors.get(c))))]
@@ -288,7 +315,11 @@ def _limits(result: Diagnosis) -> str:
     sensors = [x for x in result.limits if of_sensor(result, x.name)]
     beside = "" if result.verdict == "adequate" else "beside what was found "
     return (
-        markup("<p>Had one of these been there {}at this size, these data would have shown it. What is smaller may be there unseen.</p>", beside)
+        markup(
+            "<p>Had one of these been there {}at this size, these data would have shown it. What is smaller may be"
+            " there unseen.</p>",
+            beside,
+        )
         + (table(header, rows(cradle), words=2) if cradle else "")
         + (folded("Faults of sensors", table(header, rows(sensors), words=2)) if sensors else "")
     )
@@ -296,8 +327,7 @@ def _limits(result: Diagnosis) -> str:
 
 def _model(result: Diagnosis) -> str:
     rows = [
-        [markup("<code>{}</code>", n), size(result, n), declared(result, n).meaning]
-        for n in shown_parameters(result)
+        [markup("<code>{}</code>", n), size(result, n), declared(result, n).meaning] for n in shown_parameters(result)
     ]
     noise = table(
         ["Channel", "Noise (standard deviation)", ""],
@@ -312,11 +342,20 @@ def _model(result: Diagnosis) -> str:
     )
     return (
         table(["Parameter", "Value ± standard deviation", "Meaning"], rows, last_words=True)
-        + markup("<p>The improved model is <code>model.yaml</code>: <code>inductrack compare --model model.yaml</code> reads it, ")
+        + markup(
+            "<p>The improved model is <code>model.yaml</code>: <code>inductrack compare --model model.yaml</code> reads"
+            " it, "
+        )
         + markup("and the simulator node with <code>--params-file model.yaml</code>.</p>")
         + folded("Noise", noise)
         + (folded(f"Tests of what is left: together p = {number(result.p_value, 2)}", tests) if result.tests else "")
-        + (folded("How the search went", markup("<ol>{}</ol>", joined(markup("<li>{}</li>", line) for line in result.log))) if result.log else "")
+        + (
+            folded(
+                "How the search went", markup("<ol>{}</ol>", joined(markup("<li>{}</li>", line) for line in result.log))
+            )
+            if result.log
+            else ""
+        )
     )
 
 

@@ -39,14 +39,21 @@ def verdict(result: Diagnosis) -> str:
     if result.verdict == "adequate":
         return f"Nothing detectable is missing: what the model leaves is the sensors' noise{_besides(result)}."
     if result.verdict == "missing_effect":
-        return f"Missing: {listed(found)}. With {'it' if len(found) == 1 else 'them'}, what is left is noise{_besides(result)}."
+        return (
+            f"Missing: {listed(found)}. With {'it' if len(found) == 1 else 'them'}, what is left is"
+            f" noise{_besides(result)}."
+        )
     missing = f"Missing: {listed(found)}. "
     if result.unknown is None:
-        return f"{missing if found else ''}Something {'more ' if found else ''}is missing that no known effect explains."
+        return (
+            f"{missing if found else ''}Something {'more ' if found else ''}is missing that no known effect explains."
+        )
     what, _, on = law(result.unknown)
     depends = listed([DEPENDS[d][0] for d in on])
     force = f"{what}{f' that depends on {depends}' if depends else ''}{_peak(result.unknown)}"
-    return (f"{missing}Besides, {force}, which no known effect explains." if found else f"No known effect explains {force}.") + _proposed(result)
+    return (
+        f"{missing}Besides, {force}, which no known effect explains." if found else f"No known effect explains {force}."
+    ) + _proposed(result)
 
 
 def _proposed(result: Diagnosis) -> str:
@@ -56,13 +63,21 @@ def _proposed(result: Diagnosis) -> str:
     if not result.laws.proposed:
         return f" None of {result.laws.tried} closed forms describes it."
     titles = [law.title for law in result.laws.proposed]
-    return f" A law is proposed for it: {titles[0]}." if len(titles) == 1 else f" Laws are proposed for it: {listed(titles, 'or')}."
+    return (
+        f" A law is proposed for it: {titles[0]}."
+        if len(titles) == 1
+        else f" Laws are proposed for it: {listed(titles, 'or')}."
+    )
 
 
 def _besides(result: Diagnosis) -> str:
     """What an answer leaves besides noise, by its findings."""
     kinds = {f.kind for f in result.findings}
-    words = {"shaken": "what shakes the cradle", "run_to_run": "what differs from run to run", "bad_run": "one run that does not belong"}
+    words = {
+        "shaken": "what shakes the cradle",
+        "run_to_run": "what differs from run to run",
+        "bad_run": "one run that does not belong",
+    }
     named = [text for kind, text in words.items() if kind in kinds]
     return f" and {listed(named)}" if named else ""
 
@@ -86,7 +101,8 @@ def _with_rivals(result: Diagnosis, effect: str) -> str:
 
 
 def law(unknown: Unknown) -> tuple[str, tuple[float, str], tuple[str, ...]]:
-    """An unknown force in words, with the factor and unit it is shown in, and what it depends on besides the thrust it may change."""
+    """An unknown force in words, with the factor and unit it is shown in, and what it depends on besides the thrust it
+    may change."""
     if unknown.unit == OF_THRUST:
         return "a change of the thrust", (100.0, "%"), unknown.depends_on[:1]
     return _FORCE[unknown.channel], (1.0, unknown.unit), unknown.depends_on
@@ -97,7 +113,10 @@ def _peak(unknown: Unknown) -> str:
     if not finite(unknown.peak):
         return ""
     _, (factor, unit), on = law(unknown)
-    return f" ({number(factor * unknown.peak, 2)} {unit} at {number(unknown.place, 2)} {DEPENDS[on[0]][1].rpartition(', ')[2]})"
+    return (
+        f" ({number(factor * unknown.peak, 2)} {unit} at {number(unknown.place, 2)}"
+        f" {DEPENDS[on[0]][1].rpartition(', ')[2]})"
+    )
 
 
 def not_on(result: Diagnosis) -> str:

@@ -49,9 +49,19 @@ def at(
         "line": {"color": colour, "width": 1, "dash": "dot"},
     }
     note = {
-        "xref": axis, "yref": f"y{number_} domain", "x": x, "y": up, "text": words, "showarrow": False, "font": {"color": colour, "size": 12},
-        "xanchor": side, "yanchor": "top", "xshift": 4 if side == "left" else -4, "bgcolor": "@page", "borderpad": 1,
-    }  # fmt: skip
+        "xref": axis,
+        "yref": f"y{number_} domain",
+        "x": x,
+        "y": up,
+        "text": words,
+        "showarrow": False,
+        "font": {"color": colour, "size": 12},
+        "xanchor": side,
+        "yanchor": "top",
+        "xshift": 4 if side == "left" else -4,
+        "bgcolor": "@page",
+        "borderpad": 1,
+    }
     return shape, note
 
 

@@ -43,10 +43,16 @@ def results(report: FitReport) -> dict[str, Any]:
         "findings": [f.to_json() for f in report.findings],
         "parameters": {
             n: {
-                "value": v, "std": s, "interval": [p.low, p.high], "flat": p.flat, "nelder_mead": nm,
+                "value": v,
+                "std": s,
+                "interval": [p.low, p.high],
+                "flat": p.flat,
+                "nelder_mead": nm,
                 "profile": {"value": p.values.tolist(), "rise": p.rise.tolist(), "threshold": p.threshold},
             }
-            for n, v, s, nm, p in zip(fit.free, fit.values.tolist(), fit.std.tolist(), _simplex(fit), report.profiles, strict=True)
+            for n, v, s, nm, p in zip(
+                fit.free, fit.values.tolist(), fit.std.tolist(), _simplex(fit), report.profiles, strict=True
+            )
         },
         "correlation": fit.correlation.tolist(),
         "misfit": fit.misfit,
@@ -54,8 +60,15 @@ def results(report: FitReport) -> dict[str, Any]:
         "noise_known": fit.noise_known,
         "noise": None if fit.noise_known else fit.noise,
         "chance": fit.chance,
-        "fixed_best": None if along is None else {"exponents": dict(zip(fit.free, along.best_exponents.tolist(), strict=True)), "relative_std": along.best_std},
-    }  # fmt: skip
+        "fixed_best": (
+            None
+            if along is None
+            else {
+                "exponents": dict(zip(fit.free, along.best_exponents.tolist(), strict=True)),
+                "relative_std": along.best_std,
+            }
+        ),
+    }
 
 
 def _simplex(fit: Fit) -> list[float]:
@@ -80,14 +93,15 @@ def render(report: FitReport) -> str:
         kind="Identification",
         verdict=first.rstrip(".").replace("^-", "^−") + ".",
         tone="warn" if flat or fit.chance < 1e-4 else "good",
-        lead=joined(markup("<p>{}.</p>", raised(s.rstrip('.'))) for s in rest),
+        lead=joined(markup("<p>{}.</p>", raised(s.rstrip("."))) for s in rest),
         notes=report.notes,
         findings=report.findings,
     )
     page.picture(
         page.figure(
             profiles(report.profiles),
-            "Profile likelihood: by how much the least misfit rises when one parameter is held. Green: the 95 % interval.",
+            "Profile likelihood: by how much the least misfit rises when one parameter is held. Green: the 95 %"
+            " interval.",
         )
     )
     page.section("Values", _values(report), "values")
@@ -120,14 +134,19 @@ def _values(report: FitReport) -> str:
     matrix = ""
     if len(names) > 1:
         rows = [
-            [n, *(f"{c:.4f}".replace("-", "−") for c in row)]
-            for n, row in zip(names, fit.correlation, strict=True)
+            [n, *(f"{c:.4f}".replace("-", "−") for c in row)] for n, row in zip(names, fit.correlation, strict=True)
         ]
         matrix = table(["Correlation", *names], rows)
     if fit.noise_known:
-        noise = f"Misfit {number(fit.misfit, 5)} over {fit.degrees} degrees of freedom, the noise as stated (chance of more: {number(fit.chance, 2)})."
+        noise = (
+            f"Misfit {number(fit.misfit, 5)} over {fit.degrees} degrees of freedom, the noise as stated (chance of"
+            f" more: {number(fit.chance, 2)})."
+        )
     else:
-        noise = f"The noise was not stated; the residuals make it {number(fit.noise, 3)} m with {fit.degrees} degrees of freedom, and the intervals are as much wider (F distribution)."
+        noise = (
+            f"The noise was not stated; the residuals make it {number(fit.noise, 3)} m with {fit.degrees} degrees of"
+            " freedom, and the intervals are as much wider (F distribution)."
+        )
     counts = ", ".join(f"{name} {n}" for name, n in fit.evaluations.items())
     return values + matrix + markup("<p class='soft'>{} Evaluations: {}.</p>", noise, counts)
 
@@ -154,9 +173,8 @@ def _series(report: FitReport) -> str:
         problem.runs, problem.residuals(structure, structure.encode(report.fit.values), states), strict=True
     ):
         rows.append([data.run.name, f"{len(r)}", f"{np.sqrt(np.nanmean(r**2)):.2f}"])
-    return (
-        table(["Run", "Samples", "Error over noise"], rows)
-        + markup("<p class='soft'>Traces: <code>inductrack compare CAMPAIGN --model model.yaml</code>.</p>")
+    return table(["Run", "Samples", "Error over noise"], rows) + markup(
+        "<p class='soft'>Traces: <code>inductrack compare CAMPAIGN --model model.yaml</code>.</p>"
     )
 
 

@@ -21,7 +21,10 @@ from ..checks import CALLED, IMPOSSIBLE, NOTE, SET_ASIDE, WARNING, Finding
 from ..core.plain_json import script_text
 
 _TEMPLATES = Environment(
-    loader=PackageLoader("inductrack_ros.reports"), autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
+    loader=PackageLoader("inductrack_ros.reports"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    keep_trailing_newline=True,
 )
 #: Pieces of HTML by name, see `templates/parts.html`.
 parts: Any = _TEMPLATES.get_template("parts.html").module
@@ -102,7 +105,8 @@ class Page:
 
 
 def packed(values: ArrayLike) -> dict[str, str]:
-    """Numbers as plotly's typed arrays: 32-bit floats in base64, a third of their size in digits; a table is told row by row."""
+    """Numbers as plotly's typed arrays: 32-bit floats in base64, a third of their size in digits; a table is told row
+    by row."""
     raw = np.ascontiguousarray(values, dtype="<f4")
     shape = {"shape": ", ".join(str(n) for n in raw.shape)} if raw.ndim > 1 else {}
     return {"dtype": "f4", "bdata": base64.b64encode(raw.tobytes()).decode("ascii"), **shape}

@@ -42,7 +42,11 @@ def verdict(report: SweepReport) -> str:
     clear = flown & ~touching & np.isfinite(sweep.values["travel"])
     count, seconds = int(flown.sum()), f"{sweep.plan.duration:g} s"
     part = f"all {count}" if clear.sum() == count else "none" if not clear.any() else f"{int(clear.sum())} of {count}"
-    said = f"Over {seconds} {part} runs fly clear of the track" if part != "none" else f"Over {seconds} every one of {count} runs touches the track"
+    said = (
+        f"Over {seconds} {part} runs fly clear of the track"
+        if part != "none"
+        else f"Over {seconds} every one of {count} runs touches the track"
+    )
     return said + "." + _idle_words(sweep) + _edge_words(sweep)
 
 
@@ -76,19 +80,36 @@ def _points(report: SweepReport) -> list[str]:
     plan = report.sweep.plan
     start = listed([f"{n.replace('_', ' ')} {number(v, 4)}" for n, v in plan.initial.items()]) if plan.initial else ""
     effects = listed([e.replace("_", " ") for e in plan.model.effects]) or "no effect besides the paper's model"
-    current = "" if any(a.name == "drive_current" for a in plan.axes) else f", {number(plan.model.parameters['drive_current'], 4)} A"
-    points = [f"Every run starts {'at ' + start + ' (SI), ' if start else ''}on its equilibrium heave" if "heave" not in plan.initial and not any(a.name == "heave" for a in plan.axes) else f"Every run starts at {start} (SI)"]
+    current = (
+        ""
+        if any(a.name == "drive_current" for a in plan.axes)
+        else f", {number(plan.model.parameters['drive_current'], 4)} A"
+    )
+    points = [
+        (
+            f"Every run starts {'at ' + start + ' (SI), ' if start else ''}on its equilibrium heave"
+            if "heave" not in plan.initial and not any(a.name == "heave" for a in plan.axes)
+            else f"Every run starts at {start} (SI)"
+        )
+    ]
     points[0] += f"{current}; {effects}."
     clear = np.isnan(report.sweep.values["first_contact"]) & np.isfinite(report.sweep.values["travel"])
     if growing := int((clear & (report.sweep.values["stable"] == 0.0)).sum()):
-        points.append(f"In {growing} of the runs that fly a swing grows more than {GROWTH:g} times: they are not stable.")
+        points.append(
+            f"In {growing} of the runs that fly a swing grows more than {GROWTH:g} times: they are not stable."
+        )
     if report.placed:
         points.append(_placed_words(report.placed))
     if report.sweep.spread is not None:
         open_ = int(((report.sweep.spread.touching > 0) & (report.sweep.spread.touching < 1)).sum())
-        points.append(f"Over {plan.samples} draws of {listed(list(plan.draws.names))} the outcome changes at {open_} of {plan.points} points.")
+        points.append(
+            f"Over {plan.samples} draws of {listed(list(plan.draws.names))} the outcome changes at {open_} of"
+            f" {plan.points} points."
+        )
     if report.sweep.unflown:
-        points.append(f"{report.sweep.unflown} points have no run: no heave balances the weight there. They stay white.")
+        points.append(
+            f"{report.sweep.unflown} points have no run: no heave balances the weight there. They stay white."
+        )
     if report.sweep.lost:
         points.append(f"{report.sweep.lost} runs left all bounds.")
     return points
@@ -98,7 +119,9 @@ def _placed_words(placed: Sequence[Placed]) -> str:
     flown = [p for p in placed if np.isfinite(p.values["travel"])]
     touching = [p for p in flown if np.isfinite(p.values["first_contact"])]
     names = listed([f"{p.run.name} after {p.values['first_contact']:.2f} s" for p in touching])
-    said = f"Of {len(placed)} planned runs {len(touching)} touch{'es' if len(touching) == 1 else ''} the track" + (f": {names}." if 0 < len(touching) <= 4 else ".")
+    said = f"Of {len(placed)} planned runs {len(touching)} touch{'es' if len(touching) == 1 else ''} the track" + (
+        f": {names}." if 0 < len(touching) <= 4 else "."
+    )
     missing = [p.run.name for p in placed if p not in flown or not p.on_the_map]
     few = listed(missing) if len(missing) <= 3 else f"{len(missing)} of them"
     return said + (f" Too little is known of {few} to draw." if missing else "")
@@ -116,7 +139,8 @@ def _same_along(values: np.ndarray, axis: int) -> bool:
 
 
 def _edge_words(sweep: Sweep) -> str:
-    """Between which values of the first axis the outcome changes, at the value of the second that is nearest the model's own."""
+    """Between which values of the first axis the outcome changes, at the value of the second that is nearest the
+    model's own."""
     axis, *others = sweep.plan.axes
     touching = np.isfinite(sweep.values["first_contact"])
     at = ""
@@ -130,7 +154,10 @@ def _edge_words(sweep: Sweep) -> str:
     low, high = (f"{number(axis.values[changes[0] + i], 4)}" for i in (0, 1))
     name = axis.name.replace("_", " ")
     flies = "from" if touching[changes[0]] else "up to"
-    said = f"{at}it flies {flies} {name} {high if touching[changes[0]] else low}{_unit(axis)} and touches at {low if touching[changes[0]] else high}"
+    said = (
+        f"{at}it flies {flies} {name} {high if touching[changes[0]] else low}{_unit(axis)} and touches at"
+        f" {low if touching[changes[0]] else high}"
+    )
     return f" {said[0].upper()}{said[1:]}."
 
 
@@ -145,9 +172,15 @@ def _unit(axis: Axis) -> str:
 
 def _caption(report: SweepReport) -> str:
     if len(report.sweep.plan.axes) == 1:
-        said = "Blue: how close to the track the cradle comes where it flies. Orange: when it first touches where it does not."
+        said = (
+            "Blue: how close to the track the cradle comes where it flies. Orange: when it first touches where it does"
+            " not."
+        )
     else:
-        said = "Blue: the cradle flies; the darker, the closer to the track, lines in mm. Orange: it touches; the darker, the sooner."
+        said = (
+            "Blue: the cradle flies; the darker, the closer to the track, lines in mm. Orange: it touches; the darker,"
+            " the sooner."
+        )
     return said + (" Dots: planned runs." if report.placed else "")
 
 
@@ -156,10 +189,22 @@ def _caption(report: SweepReport) -> str:
 
 def _maps(page: Page, report: SweepReport) -> Markup:
     sweep = report.sweep
-    differing = [name for name in MAPPED if np.isfinite(sweep.values[name]).any() and np.nanmax(sweep.values[name]) - np.nanmin(sweep.values[name]) > SAME / QUANTITY[name].shown[0]]
+    differing = [
+        name
+        for name in MAPPED
+        if np.isfinite(sweep.values[name]).any()
+        and np.nanmax(sweep.values[name]) - np.nanmin(sweep.values[name]) > SAME / QUANTITY[name].shown[0]
+    ]
     drawn = [page.figure(figures.single(sweep, QUANTITY[name], placed=report.placed)) for name in differing]
     thinned = max(figures.strides(sweep)) > 1
-    more = markup("<p class='soft'>Drawn with every {} point; sweep.nc has all.</p>", " × ".join(f"{s}th" if s > 1 else "" for s in figures.strides(sweep))) if thinned else ""
+    more = (
+        markup(
+            "<p class='soft'>Drawn with every {} point; sweep.nc has all.</p>",
+            " × ".join(f"{s}th" if s > 1 else "" for s in figures.strides(sweep)),
+        )
+        if thinned
+        else ""
+    )
     return markup("<div class='two'>{}</div>{}", joined(drawn), more)
 
 
@@ -169,24 +214,61 @@ def _uncertainty(page: Page, report: SweepReport) -> Markup:
     drawn = [page.figure(figures.single(sweep, part, spread.touching, report.placed, "Part of the draws that touch"))]
     for name in ("smallest_gap", "hover_gap", "travel"):
         if np.isfinite(spread.std[name]).any():
-            drawn.append(page.figure(figures.single(sweep, QUANTITY[name], spread.std[name], report.placed, f"{QUANTITY[name].title}: standard deviation over the draws")))
+            drawn.append(
+                page.figure(
+                    figures.single(
+                        sweep,
+                        QUANTITY[name],
+                        spread.std[name],
+                        report.placed,
+                        f"{QUANTITY[name].title}: standard deviation over the draws",
+                    )
+                )
+            )
     own = [sweep.plan.model.vector[sweep.plan.model.kernel.parameters.index(n)] for n in draws.names]
-    rows = [[markup("<code>{}</code>", n), sized(float(v), float(s))] for n, v, s in zip(draws.names, own, draws.std, strict=True)]
-    said = f"{sweep.plan.samples} draws, the same at every point, from the covariance in model.yaml. A parameter on an axis is not drawn."
+    rows = [
+        [markup("<code>{}</code>", n), sized(float(v), float(s))]
+        for n, v, s in zip(draws.names, own, draws.std, strict=True)
+    ]
+    said = (
+        f"{sweep.plan.samples} draws, the same at every point, from the covariance in model.yaml. A parameter on an"
+        " axis is not drawn."
+    )
     if draws.again > 0:
         said += f" {100 * draws.again:.2g} % of the draws fell outside a parameter's range and were drawn again."
-    return markup("<p>{}</p>{}<div class='two'>{}</div>", said, table(["Parameter", "Value ± standard deviation (SI)"], rows), joined(drawn))
+    return markup(
+        "<p>{}</p>{}<div class='two'>{}</div>",
+        said,
+        table(["Parameter", "Value ± standard deviation (SI)"], rows),
+        joined(drawn),
+    )
 
 
 def _planned(report: SweepReport) -> Markup:
     plan = report.sweep.plan
     shown = [QUANTITY[n] for n in ("first_contact", "smallest_gap", "hover_gap", "travel", "final_speed", "peak_roll")]
-    header = ["Run", *(a.title for a in plan.axes), *(f"{q.title} ({q.shown[1]})" for q in shown), "Taken from the sweep"]
+    header = [
+        "Run",
+        *(a.title for a in plan.axes),
+        *(f"{q.title} ({q.shown[1]})" for q in shown),
+        "Taken from the sweep",
+    ]
     rows = []
     for p in report.placed:
-        assumed = listed([n.replace("_", " ") for n in p.assumed]) + (f"; not used: {listed(list(p.unused))}" if p.unused else "")
-        rows.append([p.run.name, *(number(p.at[a.name], 4) for a in plan.axes), *(number(p.values[q.name] * q.shown[0], 4) for q in shown), assumed.lstrip("; ")])
-    caption = f"The runs of {report.campaign} flown with this model from what campaign.yaml and the data say of their starts."
+        assumed = listed([n.replace("_", " ") for n in p.assumed]) + (
+            f"; not used: {listed(list(p.unused))}" if p.unused else ""
+        )
+        rows.append(
+            [
+                p.run.name,
+                *(number(p.at[a.name], 4) for a in plan.axes),
+                *(number(p.values[q.name] * q.shown[0], 4) for q in shown),
+                assumed.lstrip("; "),
+            ]
+        )
+    caption = (
+        f"The runs of {report.campaign} flown with this model from what campaign.yaml and the data say of their starts."
+    )
     return table(header, rows, caption, last_words=True)
 
 
@@ -197,5 +279,12 @@ def _numbers(report: SweepReport) -> Markup:
         values = sweep.values[q.name][np.isfinite(sweep.values[q.name])] * q.shown[0]
         low, high = (number(float(v), 4) for v in (values.min(), values.max())) if values.size else ("–", "–")
         rows.append([markup("<code>{}</code>", q.name), q.shown[1] or "–", low, high, q.meaning])
-    code = markup("<pre><code>import xarray\nmaps = xarray.open_dataset(\"sweep.nc\")\nmaps.smallest_gap.sel({}, method=\"nearest\")</code></pre>", ", ".join(f"{a.name}={a.values[len(a.values) // 2]:g}" for a in sweep.plan.axes if a.name.isidentifier()) or "{…}")
-    return table(["Quantity", "Unit here", "Least", "Most", "Meaning"], rows, last_words=True) + markup("<p>All of it, in SI units, is in <code>sweep.nc</code>:</p>{}", code)
+    code = markup(
+        '<pre><code>import xarray\nmaps = xarray.open_dataset("sweep.nc")\nmaps.smallest_gap.sel({},'
+        ' method="nearest")</code></pre>',
+        ", ".join(f"{a.name}={a.values[len(a.values) // 2]:g}" for a in sweep.plan.axes if a.name.isidentifier())
+        or "{…}",
+    )
+    return table(["Quantity", "Unit here", "Least", "Most", "Meaning"], rows, last_words=True) + markup(
+        "<p>All of it, in SI units, is in <code>sweep.nc</code>:</p>{}", code
+    )

@@ -1,1 +1,2 @@
-"""Maps for planning runs: axes over anything a run depends on, many runs side by side, what an engineer reads off each."""
+"""Maps for planning runs: axes over anything a run depends on, many runs side by side, what an engineer reads off
+each."""

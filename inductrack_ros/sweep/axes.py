@@ -22,7 +22,8 @@ MOST_POINTS = 5000
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis: the full ``name`` of a state, a parameter or a condition, its rising ``values`` (n,), and how it is shown."""
+    """One axis: the full ``name`` of a state, a parameter or a condition, its rising ``values`` (n,), and how it is
+    shown."""
 
     name: str
     values: np.ndarray
@@ -62,7 +63,8 @@ def read_axes(given: Sequence[str], model: Model) -> tuple[Model, tuple[Axis, ..
 
 
 def _declared(name: str, model: Model) -> tuple[Model, Parameter]:
-    """What is declared of a name, and the model with its effect on. Raises `InputError` for a name that changes no run."""
+    """What is declared of a name, and the model with its effect on. Raises `InputError` for a name that changes no
+    run."""
     if name in PARAMETERS:
         return model, PARAMETERS[name]
     if name in STATES:
@@ -73,13 +75,20 @@ def _declared(name: str, model: Model) -> tuple[Model, Parameter]:
     item, _ = split_name(effect, model.known_effects, CHANNELS, "--over")
     plain = parameter.partition("[")[0]
     if plain not in item.parameters:
-        raise InputError(f"--over: effect '{effect}' has no parameter '{parameter}'{did_you_mean(parameter, item.parameters)}")
+        raise InputError(
+            f"--over: effect '{effect}' has no parameter '{parameter}'{did_you_mean(parameter, item.parameters)}"
+        )
     if item.of_sensor:
-        raise InputError(f"--over {name}: that is a sensor's, which changes no run; sweep over an effect of the cradle, the track or the drive")
+        raise InputError(
+            f"--over {name}: that is a sensor's, which changes no run; sweep over an effect of the cradle, the track or"
+            " the drive"
+        )
     if effect not in model.effects:
         model = model.with_changes(effects={**model.effects, effect: {}})
     if name not in model.kernel.parameters:
-        raise InputError(f"--over {name}: holds a table; name one entry of it, e.g. {item.parameters[plain].entries(name)[0]}")
+        raise InputError(
+            f"--over {name}: holds a table; name one entry of it, e.g. {item.parameters[plain].entries(name)[0]}"
+        )
     return model, item.parameters[plain]
 
 
@@ -89,7 +98,9 @@ def _condition(name: str, model: Model) -> Parameter:
     if name not in known:
         raise InputError(f"--over: unknown name '{name}'{did_you_mean(name, [*STATES, *PARAMETERS, *known])}")
     if not any(name in item.conditions for e, item in model.known_effects.items() if e in model.effects):
-        raise InputError(f"--over {name}: no effect of the model asks for it; give a --model with effects: [{known[name]}]")
+        raise InputError(
+            f"--over {name}: no effect of the model asks for it; give a --model with effects: [{known[name]}]"
+        )
     return Parameter(0.0, "", -math.inf, math.inf, "condition of the run")
 
 
@@ -109,7 +120,10 @@ def _values(name: str, wanted: str) -> tuple[np.ndarray, bool]:
     if not (math.isfinite(first) and math.isfinite(last)):
         raise InputError(f"{place}: FROM and TO must be finite numbers")
     if points < 2:
-        raise InputError(f"{place}: an axis of {points} point{'s' * (points != 1)} is no axis; give COUNT 2 or more, or set the one value in --initial or MODEL.yaml")
+        raise InputError(
+            f"{place}: an axis of {points} point{'s' * (points != 1)} is no axis; give COUNT 2 or more, or set the one"
+            " value in --initial or MODEL.yaml"
+        )
     if points > MOST_POINTS:
         raise InputError(f"{place}: at most {MOST_POINTS} points to an axis")
     if not first < last:
@@ -121,7 +135,10 @@ def _values(name: str, wanted: str) -> tuple[np.ndarray, bool]:
 
 def _checked(values: np.ndarray, place: str) -> np.ndarray:
     if values.size < 2:
-        raise InputError(f"{place}: an axis of {values.size} point{'s' * (values.size != 1)} is no axis; give two values or more, or set the one in --initial or MODEL.yaml")
+        raise InputError(
+            f"{place}: an axis of {values.size} point{'s' * (values.size != 1)} is no axis; give two values or more, or"
+            " set the one in --initial or MODEL.yaml"
+        )
     if values.size > MOST_POINTS:
         raise InputError(f"{place}: at most {MOST_POINTS} points to an axis")
     if not np.isfinite(values).all():

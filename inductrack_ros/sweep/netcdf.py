@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 
 def dataset(sweep: Sweep, placed: Sequence[Placed] = ()) -> xarray.Dataset:
-    """The maps over their axes; of draws ``…_mean``, ``…_std`` and two percentiles; the runs of a campaign under ``planned_run``."""
+    """The maps over their axes; of draws ``…_mean``, ``…_std`` and two percentiles; the runs of a campaign under
+    ``planned_run``."""
     import xarray
 
     plan = sweep.plan
@@ -31,20 +32,38 @@ def dataset(sweep: Sweep, placed: Sequence[Placed] = ()) -> xarray.Dataset:
         values[q.name] = (axes, sweep.values[q.name], told)
         if sweep.spread is not None:
             for ending, tables, words in _statistics(sweep):
-                values[f"{q.name}_{ending}"] = (axes, tables[q.name], told | {"long_name": f"{q.title}, {words} of the draws that have it"})
+                values[f"{q.name}_{ending}"] = (
+                    axes,
+                    tables[q.name],
+                    told | {"long_name": f"{q.title}, {words} of the draws that have it"},
+                )
         if placed:
             values[f"planned_{q.name}"] = ("planned_run", np.array([p.values[q.name] for p in placed]), told)
     if sweep.spread is not None:
-        values["touching_part"] = (axes, sweep.spread.touching, {"units": "1", "long_name": "part of the draws that touch the track"})
-        values["stable_part"] = (axes, sweep.spread.stable, {"units": "1", "long_name": "part of the draws that are stable"})
+        values["touching_part"] = (
+            axes,
+            sweep.spread.touching,
+            {"units": "1", "long_name": "part of the draws that touch the track"},
+        )
+        values["stable_part"] = (
+            axes,
+            sweep.spread.stable,
+            {"units": "1", "long_name": "part of the draws that are stable"},
+        )
         values["drawn"] = (("draw", "parameter"), plan.draws.values, {"long_name": "the parameters as drawn, SI"})
-    coordinates: dict[str, Any] = {a.name: (a.name, a.values, {"units": a.unit or "1", "long_name": a.meaning}) for a in plan.axes}
+    coordinates: dict[str, Any] = {
+        a.name: (a.name, a.values, {"units": a.unit or "1", "long_name": a.meaning}) for a in plan.axes
+    }
     if sweep.spread is not None:
         coordinates["parameter"] = ("parameter", list(plan.draws.names))
     if placed:
         coordinates["planned_run"] = ("planned_run", [p.run.name for p in placed])
         for axis in plan.axes:
-            values[f"planned_at_{axis.name}"] = ("planned_run", np.array([p.at[axis.name] for p in placed]), {"units": axis.unit or "1"})
+            values[f"planned_at_{axis.name}"] = (
+                "planned_run",
+                np.array([p.at[axis.name] for p in placed]),
+                {"units": axis.unit or "1"},
+            )
     return xarray.Dataset(values, coordinates, _about(sweep))
 
 
@@ -55,7 +74,12 @@ def write(sweep: Sweep, placed: Sequence[Placed], path: Path) -> None:
 
 def _statistics(sweep: Sweep) -> tuple[tuple[str, Any, str], ...]:
     s = sweep.spread
-    return ("mean", s.mean, "mean"), ("std", s.std, "standard deviation"), (f"p{LOW:02.0f}", s.low, f"{LOW:g}th percentile"), (f"p{HIGH:02.0f}", s.high, f"{HIGH:g}th percentile")
+    return (
+        ("mean", s.mean, "mean"),
+        ("std", s.std, "standard deviation"),
+        (f"p{LOW:02.0f}", s.low, f"{LOW:g}th percentile"),
+        (f"p{HIGH:02.0f}", s.high, f"{HIGH:g}th percentile"),
+    )
 
 
 def _about(sweep: Sweep) -> dict[str, Any]:

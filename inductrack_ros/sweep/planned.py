@@ -17,11 +17,11 @@ from .sweep import Plan, fly, seeks
 
 @dataclass(frozen=True)
 class Placed:
-    """A run: its place ``at`` on each axis by name (NaN where it is not known), and its quantities by name (NaN where it cannot be flown).
+    """A run: its place ``at`` on each axis by name (NaN where it is not known), and its quantities by name (NaN where
+    it cannot be flown).
 
-    ``assumed`` are states that the campaign does not tell, taken from the sweep's own start; ``unused`` are conditions that no
-    effect of the model asks for.
-    """
+    ``assumed`` are states that the campaign does not tell, taken from the sweep's own start; ``unused`` are conditions
+    that no effect of the model asks for."""
 
     run: PlannedRun
     at: Mapping[str, float]

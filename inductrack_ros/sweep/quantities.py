@@ -17,7 +17,8 @@ STILL = (2e-5, 2e-5, 2e-4)
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of a run: its ``unit`` (SI), what it means, how a map calls it, and factor and unit in which it is shown."""
+    """One number of a run: its ``unit`` (SI), what it means, how a map calls it, and factor and unit in which it is
+    shown."""
 
     name: str
     unit: str
@@ -27,17 +28,43 @@ class Quantity:
 
 
 QUANTITIES: tuple[Quantity, ...] = (
-    Quantity("first_contact", "s", "time of the first sample in contact with the track; not a number where none is", "First contact", (1.0, "s")),
-    Quantity("smallest_gap", "m", "the least of the three gaps over the run; below 0 in contact", "Smallest gap", (1e3, "mm")),
-    Quantity("hover_gap", "m", "mean top gap over the second half of the run; not a number where the cradle touches in it", "Hover gap (top)", (1e3, "mm")),
+    Quantity(
+        "first_contact",
+        "s",
+        "time of the first sample in contact with the track; not a number where none is",
+        "First contact",
+        (1.0, "s"),
+    ),
+    Quantity(
+        "smallest_gap", "m", "the least of the three gaps over the run; below 0 in contact", "Smallest gap", (1e3, "mm")
+    ),
+    Quantity(
+        "hover_gap",
+        "m",
+        "mean top gap over the second half of the run; not a number where the cradle touches in it",
+        "Hover gap (top)",
+        (1e3, "mm"),
+    ),
     Quantity("travel", "m", "surge at the end less that at the start", "Travel", (1.0, "m")),
     Quantity("final_speed", "m/s", "surge rate at the end", "Final speed", (1.0, "m/s")),
     Quantity("peak_speed", "m/s", "the largest surge rate", "Peak speed", (1.0, "m/s")),
     Quantity("peak_roll", "rad", "the largest roll to either side", "Peak roll", (1e3, "mrad")),
     Quantity("peak_sway", "m", "the largest sway to either side", "Peak sway", (1e3, "mm")),
-    Quantity("swing_growth", "", "by how much the swings of top gap, sway or roll grow from the first third of the run to the last", "Growth of swings", (1.0, "")),
-    Quantity("stable", "", f"1 where the run never touches the track and no swing grows more than {GROWTH:g} times, else 0", "Stable", (1.0, "")),
-)  # fmt: skip
+    Quantity(
+        "swing_growth",
+        "",
+        "by how much the swings of top gap, sway or roll grow from the first third of the run to the last",
+        "Growth of swings",
+        (1.0, ""),
+    ),
+    Quantity(
+        "stable",
+        "",
+        f"1 where the run never touches the track and no swing grows more than {GROWTH:g} times, else 0",
+        "Stable",
+        (1.0, ""),
+    ),
+)
 NAMES = tuple(q.name for q in QUANTITIES)
 QUANTITY = {q.name: q for q in QUANTITIES}
 _STILL = np.array(STILL)
@@ -59,7 +86,8 @@ def _swing(times, rows, column, first, last):
 
 @compiled_once
 def _measure(times, out, still, growth, found):
-    """`QUANTITIES` of each run of ``out`` (jobs, n, 15) into ``found`` (jobs, 10); NaN, and not stable, for one that left all bounds."""
+    """`QUANTITIES` of each run of ``out`` (jobs, n, 15) into ``found`` (jobs, 10); NaN, and not stable, for one that
+    left all bounds."""
     n = times.size
     for job in range(out.shape[0]):
         rows = out[job]
@@ -95,7 +123,8 @@ def _measure(times, out, still, growth, found):
 
 
 def measure(times: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """What is read off runs ``out`` (jobs, n, 15) at ``times`` (n,): (jobs, quantities), columns as in `QUANTITIES`, SI."""
+    """What is read off runs ``out`` (jobs, n, 15) at ``times`` (n,): (jobs, quantities), columns as in `QUANTITIES`,
+    SI."""
     found = np.empty((len(out), len(QUANTITIES)))
     _measure(times, out, _STILL, GROWTH, found)
     return found

@@ -35,7 +35,8 @@ def on_equilibrium(model: Model, states: np.ndarray, P: np.ndarray) -> np.ndarra
 
 
 def _vertical(model: Model, speeds: np.ndarray, P: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """The heave acceleration (runs,) as a function of the heaves (runs,), level and centred: one call of the compiled kernel for all."""
+    """The heave acceleration (runs,) as a function of the heaves (runs,), level and centred: one call of the compiled
+    kernel for all."""
     steady = np.array([not model.passes_on(model.known_effects[name]) for name in model.kernel.effects], bool)
     on = np.tile(model.switches & steady, (len(speeds), 1))
     x = np.zeros((len(speeds), len(model.kernel.states)))
@@ -46,14 +47,17 @@ def _vertical(model: Model, speeds: np.ndarray, P: np.ndarray) -> Callable[[np.n
         x[:, _HEAVE], x[:, _SPEED] = heave, speeds
         if model.carries_states:
             x[:] = [model.with_effect_states(s, 0.0, p) for s, p in zip(x, P, strict=True)]
-        model.kernel.simulate_batch(np.zeros(1), 0.0, x, P, on, moving, np.zeros(len(x)), True, _NONE, _NONE, _NONE, 1.0, out)
+        model.kernel.simulate_batch(
+            np.zeros(1), 0.0, x, P, on, moving, np.zeros(len(x)), True, _NONE, _NONE, _NONE, 1.0, out
+        )
         return out[:, 0, _HEAVE_ACCELERATION].copy()
 
     return force
 
 
 def _roots(force: Callable, a: np.ndarray, b: np.ndarray, fa: np.ndarray, fb: np.ndarray) -> np.ndarray:
-    """Where ``force`` is zero between a and b (runs,), by Chandrupatla's method: `scipy.optimize.elementwise`, which older SciPy has not."""
+    """Where ``force`` is zero between a and b (runs,), by Chandrupatla's method: `scipy.optimize.elementwise`, which
+    older SciPy has not."""
     a, b, fa, fb = b.copy(), a.copy(), fb.copy(), fa.copy()
     c, fc = a.copy(), fa.copy()
     t = np.full(a.shape, 0.5)

@@ -1,8 +1,7 @@
 """A sweep: every point of its axes flown, with the model's own parameters and with as many draws of them as asked for.
 
-The work goes in blocks of whole points, each through `estimation.ensemble`, and what is read off a run is all that is kept of it:
-memory grows with the number of points, not with the length of the runs.
-"""
+The work goes in blocks of whole points, each through `estimation.ensemble`, and what is read off a run is all that is
+kept of it: memory grows with the number of points, not with the length of the runs."""
 
 from __future__ import annotations
 
@@ -31,7 +30,8 @@ MOST_RUNS = 2_000_000
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be flown: ``initial`` is the state at the start by name, where no axis says it; ``duration`` (s), ``rate`` (Hz)."""
+    """What is to be flown: ``initial`` is the state at the start by name, where no axis says it; ``duration`` (s),
+    ``rate`` (Hz)."""
 
     model: Model
     axes: tuple[Axis, ...]
@@ -43,7 +43,10 @@ class Plan:
     def __post_init__(self) -> None:
         if self.runs > MOST_RUNS:
             shape = " × ".join(str(n) for n in self.shape)
-            raise InputError(f"--over and --samples make {self.runs} runs ({shape} points, {1 + self.samples} runs each); at most {MOST_RUNS}: give fewer points or samples")
+            raise InputError(
+                f"--over and --samples make {self.runs} runs ({shape} points, {1 + self.samples} runs each); at most"
+                f" {MOST_RUNS}: give fewer points or samples"
+            )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -73,8 +76,9 @@ class Plan:
 
 @dataclass(frozen=True)
 class Spread:
-    """What the draws made of each quantity, each by name with the shape of the map: mean, standard deviation, percentiles, over the
-    runs that have it; ``touching`` is the part of the draws that touch the track, ``stable`` the part that is stable."""
+    """What the draws made of each quantity, each by name with the shape of the map: mean, standard deviation,
+    percentiles, over the runs that have it; ``touching`` is the part of the draws that touch the track, ``stable`` the
+    part that is stable."""
 
     mean: Mapping[str, np.ndarray]
     std: Mapping[str, np.ndarray]
@@ -86,7 +90,8 @@ class Spread:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A finished sweep: each of `quantities.QUANTITIES` by name with the shape of the map, for the model's own parameters and over the draws."""
+    """A finished sweep: each of `quantities.QUANTITIES` by name with the shape of the map, for the model's own
+    parameters and over the draws."""
 
     plan: Plan
     values: Mapping[str, np.ndarray]
@@ -120,11 +125,21 @@ def sweep(plan: Plan, workers: Threads | Cluster | None = None, tell: Callable[[
         done += len(points)
     values = {n: nominal[:, i].reshape(plan.shape) for i, n in enumerate(NAMES)}
     if np.isnan(values["stable"]).all():
-        raise InputError("no point of the sweep can be flown: no heave balances the weight; give heave in --initial, or look at the model")
+        raise InputError(
+            "no point of the sweep can be flown: no heave balances the weight; give heave in --initial, or look at the"
+            " model"
+        )
     return Sweep(plan, values, _spread(plan, statistics) if plan.samples else None)
 
 
-def fly(model: Model, times: np.ndarray, states: np.ndarray, seek: bool, parameters: Mapping[str, np.ndarray], hands: Threads | Cluster) -> np.ndarray:
+def fly(
+    model: Model,
+    times: np.ndarray,
+    states: np.ndarray,
+    seek: bool,
+    parameters: Mapping[str, np.ndarray],
+    hands: Threads | Cluster,
+) -> np.ndarray:
     """What is read off runs from ``states`` (runs, 8), under ``parameters`` by name (runs,): (runs, quantities).
 
     With ``seek`` each starts on its equilibrium heave; rows are NaN where there is none.
@@ -142,12 +157,15 @@ def fly(model: Model, times: np.ndarray, states: np.ndarray, seek: bool, paramet
     found = np.full((len(states), len(NAMES)), np.nan)
     can = np.isfinite(states).all(axis=1)
     if can.any():
-        found[can] = ensemble(model, times, states[can], {n: v[can] for n, v in parameters.items()}, hands, partial(measure, times))
+        found[can] = ensemble(
+            model, times, states[can], {n: v[can] for n, v in parameters.items()}, hands, partial(measure, times)
+        )
     return found
 
 
 def _flown(plan: Plan, points: np.ndarray, hands: Threads | Cluster) -> np.ndarray:
-    """What is read off the runs of some points (flat indices), each point's runs one after another: (runs, quantities)."""
+    """What is read off the runs of some points (flat indices), each point's runs one after another: (runs,
+    quantities)."""
     each = 1 + plan.samples
     runs = len(points) * each
     places = np.unravel_index(points, plan.shape)
@@ -164,7 +182,14 @@ def _flown(plan: Plan, points: np.ndarray, hands: Threads | Cluster) -> np.ndarr
             states[:, INDEX[axis.name]] = values
         else:
             parameters[axis.name] = values
-    return fly(plan.model, plan.times, states, seeks(plan.model, [*plan.initial, *(a.name for a in plan.axes)]), parameters, hands)
+    return fly(
+        plan.model,
+        plan.times,
+        states,
+        seeks(plan.model, [*plan.initial, *(a.name for a in plan.axes)]),
+        parameters,
+        hands,
+    )
 
 
 def seeks(model: Model, given: Sequence[str]) -> bool:
@@ -173,11 +198,14 @@ def seeks(model: Model, given: Sequence[str]) -> bool:
 
 
 def _statistics(found: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Mean, standard deviation and percentiles (points, quantities) of draws (points, samples, quantities), and the parts that touch and are stable."""
+    """Mean, standard deviation and percentiles (points, quantities) of draws (points, samples, quantities), and the
+    parts that touch and are stable."""
     flown = np.isfinite(found).any(axis=(1, 2))
     counted = np.where(np.isfinite(found), found, np.nan)
     has = np.isfinite(counted).any(axis=1)
-    filled = np.where(has[:, None, :], counted, 0.0)  # a column without a number would be warned of; it is emptied again below
+    filled = np.where(
+        has[:, None, :], counted, 0.0
+    )  # a column without a number would be warned of; it is emptied again below
     low, high = np.nanpercentile(filled, [LOW, HIGH], axis=1)
     parts = np.nanmean(filled, axis=1), np.nanstd(filled, axis=1, ddof=1 if found.shape[1] > 1 else 0), low, high
     touching = np.where(flown, np.isfinite(found[:, :, NAMES.index("first_contact")]).mean(axis=1), np.nan)

@@ -403,7 +403,9 @@ def main():
     )
     parser.add_argument("--faint", type=float, default=15.0)
     parser.add_argument("--clear", type=float, default=1500.0)
-    parser.add_argument("--whole", action="store_true", help="the effects of November 2026 too, runs on warm and cold days")
+    parser.add_argument(
+        "--whole", action="store_true", help="the effects of November 2026 too, runs on warm and cold days"
+    )
     parser.add_argument("--twins", action="store_true", help="also say which effects could imitate the hidden ones")
     given = parser.parse_args()
     names = [((text + ":").split(":")[0], text.partition(":")[2] or None) for text in given.effect or []] or None

@@ -58,7 +58,8 @@ CATALOGUE = {
     "halbach_fifth_harmonic": entry("relative_amplitude", 5e-4, 0.3),
 }
 
-# size of sensor_bias (and of sensor_drift, over a second) is in units of the channel's noise; of sensor_scale it is scale - 1
+# size of sensor_bias (and of sensor_drift, over a second) is in units of the channel's noise; of sensor_scale it is
+# scale - 1
 SENSORS = {
     "sensor_bias": entry("bias", 0.05, 100.0, signed=True),
     "sensor_scale": entry("scale", 2e-5, 0.1, signed=True),

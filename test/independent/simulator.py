@@ -139,9 +139,14 @@ def track_height(z, p):
     """Height of the track's zero pose and its slope along the travel (guideway_waviness, joint_step)."""
     q = 2 * math.pi / p.guideway_waviness__wavelength
     angle = q * z + p.guideway_waviness__phase
-    height, slope = p.guideway_waviness__amplitude * math.sin(angle), p.guideway_waviness__amplitude * q * math.cos(angle)
+    height, slope = (
+        p.guideway_waviness__amplitude * math.sin(angle),
+        p.guideway_waviness__amplitude * q * math.cos(angle),
+    )
     if p.joint_step__height != 0:
-        fall = math.exp(-2 * min(max((z - p.joint_step__place) / 0.05, -300.0), 300.0))  # (1 + tanh u)/2 = 1/(1 + e^-2u)
+        fall = math.exp(
+            -2 * min(max((z - p.joint_step__place) / 0.05, -300.0), 300.0)
+        )  # (1 + tanh u)/2 = 1/(1 + e^-2u)
         height += p.joint_step__height / (1 + fall)
         slope += p.joint_step__height * 2 * fall / (1 + fall) ** 2 / 0.05
     return height, slope
@@ -349,8 +354,8 @@ def step(t, s, h, drive_current, p, k1, k2, k3, k4, trial):
 
 @njit(cache=True)
 def integrate(times, s0, drive_current, rigs, far_step, near_step, stop_at_contact, states):
-    """Fill states (n, STATES) at `times` (ascending; those before 0 are integrated backwards). Returns the time of first
-    contact (inf if none).
+    """Fill states (n, STATES) at `times` (ascending; those before 0 are integrated backwards). Returns the time of
+    first contact (inf if none).
 
     `far_step` is used while every gap is above 0.3 mm, `near_step` otherwise, so the kink of the contact force is met
     with short steps. With stop_at_contact the rows after the first contact are NaN.
@@ -496,6 +501,7 @@ def measure(times, start, drive_current, rigs, names, faults=(), **steps):
     """
     states, contact = simulate(times, start, drive_current, rigs, **steps)
     values = channels_of(times, states, drive_current, rigs, names)
+
     def seen_at(moments, channel):
         moments = np.ascontiguousarray(moments, dtype=float)
         moved, _ = simulate(moments, start, drive_current, rigs, **steps)
@@ -522,7 +528,9 @@ def measure(times, start, drive_current, rigs, names, faults=(), **steps):
         elif kind == "sensor_clock":
             values[:, column] = seen_at((1 + fault["rate"]) * np.asarray(times), fault["channel"])
         elif kind == "sensor_lag":
-            values[:, column] = lagged(np.asarray(times, dtype=float), lambda t, f=fault: seen_at(t, f["channel"]), fault["time_constant"])
+            values[:, column] = lagged(
+                np.asarray(times, dtype=float), lambda t, f=fault: seen_at(t, f["channel"]), fault["time_constant"]
+            )
         else:
             raise KeyError(kind)
     return values, contact

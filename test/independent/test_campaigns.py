@@ -81,9 +81,12 @@ def test_known_twins_imitate_each_other():
 
 @pytest.mark.parametrize("name", ["dead_coils", "joint_step", "track_temperature", "sensor_lag"])
 def test_effects_of_november_are_drawn_from_the_whole_catalogue(name):
-    """They show as clearly as asked, on runs of warm and cold days; without `whole` a seed's campaign is what it was."""
+    """They show as clearly as asked, on runs of warm and cold days; without `whole` a seed's campaign is what it
+    was."""
     channel = "heave" if name.startswith("sensor_") else None
-    contents, truth, _ = campaigns.draw_campaign(31, "single", "coasting", [(name, channel)], faint=40.0, clear=60.0, whole=True)
+    contents, truth, _ = campaigns.draw_campaign(
+        31, "single", "coasting", [(name, channel)], faint=40.0, clear=60.0, whole=True
+    )
     shown = truth["clarity"][f"{name}:{channel}" if channel else name]["signal_after_nuisance"]
     assert 20 < shown < 120
     days = [run["conditions"]["track_temperature"] for run in yaml.safe_load(contents["campaign.yaml"])["runs"]]

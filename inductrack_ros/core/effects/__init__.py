@@ -11,10 +11,9 @@ quantity of the same name). Its decorator says where the return value goes::
     def aerodynamic_drag(surge_rate, air_density, drag_area):
         return -0.5 * air_density * drag_area * surge_rate * abs(surge_rate)
 
-One that adds and changes returns first what it adds. What needs the sum of all forces stands in a second function, ``then=``
-(see `flexible_mode`). It must be something numba can compile: arithmetic, ``math`` functions, ``if``. The same function runs in the node,
-offline, in fits and in the diagnosis.
-"""
+One that adds and changes returns first what it adds. What needs the sum of all forces stands in a second function,
+``then=`` (see `flexible_mode`). It must be something numba can compile: arithmetic, ``math`` functions, ``if``. The
+same function runs in the node, offline, in fits and in the diagnosis."""
 
 from __future__ import annotations
 
@@ -47,7 +46,8 @@ READINGS_OF = tuple(f"measured_{c}" for c in CHANNELS)
 
 @dataclass(frozen=True)
 class Part:
-    """One function of an effect: what it ``adds`` to and what it ``changes``, of which it returns so many numbers in this order."""
+    """One function of an effect: what it ``adds`` to and what it ``changes``, of which it returns so many numbers in
+    this order."""
 
     function: Callable
     adds: tuple[str, ...] = ()
@@ -68,18 +68,17 @@ class Part:
 class Effect:
     """One effect: its functions, where their results go, its parameters and states.
 
-    ``parts`` are one function, or two where what the second needs is known only after the first has acted. ``states`` maps
-    each state the effect carries to what it starts on: a number, or the quantity whose value (without such effects) it takes;
-    the last function then returns, after what it adds or changes, the states' time derivatives. ``max_step`` (s) bounds the
-    integration step while the effect is on, and a tenth of the parameter named by ``max_travel`` (m), over which the
-    effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged`` or the ``pulses`` drive;
-    ``canonical`` picks one of the parameter sets that do the same; ``starts`` says where its parameters may be sought, for an
-    effect that where it vanishes does not show what its other parameters are: for a sensor's from what it read (n,), for one of
-    the cradle from the range (low, high) that each of the runs' variables covers (`estimation.response.VARIABLES` and the gaps);
-    ``conditions`` are numbers of a run that the function takes (a campaign gives them), with the values they have
-    where a run does not say;
-    ``of_sensor`` marks the effect of a sensor, ``of_channel`` one of one channel, used as ``name:channel``.
-    """
+    ``parts`` are one function, or two where what the second needs is known only after the first has acted. ``states``
+    maps each state the effect carries to what it starts on: a number, or the quantity whose value (without such
+    effects) it takes; the last function then returns, after what it adds or changes, the states' time derivatives.
+    ``max_step`` (s) bounds the integration step while the effect is on, and a tenth of the parameter named by
+    ``max_travel`` (m), over which the effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged``
+    or the ``pulses`` drive; ``canonical`` picks one of the parameter sets that do the same; ``starts`` says where its
+    parameters may be sought, for an effect that where it vanishes does not show what its other parameters are: for a
+    sensor's from what it read (n,), for one of the cradle from the range (low, high) that each of the runs' variables
+    covers (`estimation.response.VARIABLES` and the gaps); ``conditions`` are numbers of a run that the function takes
+    (a campaign gives them), with the values they have where a run does not say; ``of_sensor`` marks the effect of a
+    sensor, ``of_channel`` one of one channel, used as ``name:channel``."""
 
     name: str
     parts: tuple[Part, ...]
@@ -145,18 +144,23 @@ def effect(
 ) -> Callable[[Callable], Effect]:
     """Declare the decorated function an effect that ``adds`` to forces and ``changes`` quantities of the equations.
 
-    It returns what it adds, what it changes and the rates of its ``states``, in this order; with ``then``, a function that is
-    called when all forces are known, that one returns the rates. ``further`` are the other fields of `Effect`: ``max_step``,
-    ``max_travel``, ``only``, ``screened`` (False keeps it out of the diagnosis's ranking), ``canonical``, ``starts``, ``conditions``.
-    Raises `InputError` where the declaration does not fit.
-    """
+    It returns what it adds, what it changes and the rates of its ``states``, in this order; with ``then``, a function
+    that is called when all forces are known, that one returns the rates. ``further`` are the other fields of `Effect`:
+    ``max_step``, ``max_travel``, ``only``, ``screened`` (False keeps it out of the diagnosis's ranking), ``canonical``,
+    ``starts``, ``conditions``. Raises `InputError` where the declaration does not fit."""
 
     def declare(function: Callable) -> Effect:
         name = function.__name__
         if unknown := [k for k in further if k not in _FURTHER]:
             raise InputError(f"effect '{name}': @effect takes no '{unknown[0]}'{did_you_mean(unknown[0], _FURTHER)}")
         parts = (Part(function, _names(adds), _names(changes)), *([then] if then else []))
-        item = Effect(name, parts, dict(parameters or {}), dict(states or {}), **{k: v for k, v in further.items() if v is not None})
+        item = Effect(
+            name,
+            parts,
+            dict(parameters or {}),
+            dict(states or {}),
+            **{k: v for k, v in further.items() if v is not None},
+        )
         for part in parts:
             _check_part(name, part)
         _check_sensor(item)
@@ -187,14 +191,19 @@ def _check_declared(item: Effect) -> None:
     name = item.name
     if odd := [p for p, declared in item.parameters.items() if not isinstance(declared, Parameter)]:
         raise InputError(
-            f"effect '{name}': declare '{odd[0]}' as Parameter(default, unit, low, high, meaning), not {item.parameters[odd[0]]!r}"
+            f"effect '{name}': declare '{odd[0]}' as Parameter(default, unit, low, high, meaning), not"
+            f" {item.parameters[odd[0]]!r}"
         )
     for kind, names in (("parameter", item.parameters), ("state", item.states), ("condition", item.conditions)):
         if unused := [n for n in names if n not in item.arguments]:
             raise InputError(f"effect '{name}' declares {kind} '{unused[0]}' but its function does not take it")
     for state, start in item.states.items():
-        if not isinstance(start, str) and (isinstance(start, bool) or not isinstance(start, (int, float)) or not math.isfinite(start)):
-            raise InputError(f"effect '{name}': the state '{state}' starts on {start!r}; give a number or the name of a quantity")
+        if not isinstance(start, str) and (
+            isinstance(start, bool) or not isinstance(start, (int, float)) or not math.isfinite(start)
+        ):
+            raise InputError(
+                f"effect '{name}': the state '{state}' starts on {start!r}; give a number or the name of a quantity"
+            )
     if item.max_travel and item.max_travel not in item.parameters:
         raise InputError(f"effect '{name}': max_travel = '{item.max_travel}' is not one of its parameters")
 
@@ -206,9 +215,14 @@ def _check_sensor(item: Effect) -> None:
         return
     several = all(t in READINGS_OF for t in targets)
     if not several and len(targets) > 1:
-        raise InputError(f"effect '{name}': a sensor effect changes {' or '.join(READINGS)} and nothing else, or measured_<channel> of several")
+        raise InputError(
+            f"effect '{name}': a sensor effect changes {' or '.join(READINGS)} and nothing else, or measured_<channel>"
+            " of several"
+        )
     if states and targets != ("measured",):
-        raise InputError(f"effect '{name}': of the effects of sensors only one that changes 'measured' may carry states")
+        raise InputError(
+            f"effect '{name}': of the effects of sensors only one that changes 'measured' may carry states"
+        )
 
 
 def _effects_in(module: types.ModuleType) -> list[Effect]:
@@ -238,7 +252,9 @@ def load_effects(files: Iterable[str | Path] = ()) -> dict[str, Effect]:
     for given in files:
         items = [item for item in _effects_in(run_file(given)) if item is not _catalogue().get(item.name)]
         if not items:
-            raise InputError(f"effect file {given}: no @effect function in it; see docs/effects.md for the ten lines it takes")
+            raise InputError(
+                f"effect file {given}: no @effect function in it; see docs/effects.md for the ten lines it takes"
+            )
         for item in items:
             if found.setdefault(item.name, item) is not item:
                 owner = "the catalogue" if item.name in _catalogue() else "another effect file"
@@ -255,13 +271,16 @@ def use_shipped(files: Mapping[str, bytes]) -> None:
 
 
 def run_file(given: str | Path) -> types.ModuleType:
-    """The module a user's file makes, its text in ``content``; one for each text, so that an edited file is a new module."""
+    """The module a user's file makes, its text in ``content``; one for each text, so that an edited file is a new
+    module."""
     try:
         path = Path(os.path.expanduser(given)).resolve()
         content = _shipped[str(given)] if str(given) in _shipped else path.read_bytes()
     except (OSError, ValueError, RuntimeError) as error:
         problem = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({type(error).__name__})"
-        raise InputError(f"effect file {given}: {problem}; give the path of a Python file with @effect functions") from error
+        raise InputError(
+            f"effect file {given}: {problem}; give the path of a Python file with @effect functions"
+        ) from error
     name = f"inductrack_user_effects_{path.stem}_{hashlib.sha256(bytes(path) + content).hexdigest()[:12]}"
     if name in sys.modules:
         return sys.modules[name]
@@ -288,7 +307,9 @@ def split_name(name: str, known: Mapping[str, Effect], channels: Iterable[str], 
         raise InputError(f"{place}unknown effect '{base}'{did_you_mean(base, known)}")
     item = known[base]
     if item.of_channel and channel not in channels:
-        raise InputError(f"{place}effect '{name}' needs a channel, e.g. '{base}:heave'{did_you_mean(channel, channels)}")
+        raise InputError(
+            f"{place}effect '{name}' needs a channel, e.g. '{base}:heave'{did_you_mean(channel, channels)}"
+        )
     if channel and not item.of_channel:
         raise InputError(f"{place}effect '{name}': '{base}' is not a sensor's, it takes no channel")
     return item, channel

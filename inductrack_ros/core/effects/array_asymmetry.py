@@ -6,7 +6,9 @@ from . import Parameter, effect
 @effect(
     changes=("width_right", "width_left"),
     parameters={
-        "relative_difference": Parameter(0.0, "", -0.9, 0.9, "relative difference ε of the side arrays", "tolerance", typical=0.005)
+        "relative_difference": Parameter(
+            0.0, "", -0.9, 0.9, "relative difference ε of the side arrays", "tolerance", typical=0.005
+        )
     },
 )
 def array_asymmetry(width_right, width_left, relative_difference):

@@ -7,7 +7,9 @@ from . import Parameter, effect
 
 @effect(
     adds="force_heave",
-    parameters={"force": Parameter(0.0, "N", 0.0, 1e5, "pull F_0 at zero gap", "image force of a magnet array", typical=2.0)},
+    parameters={
+        "force": Parameter(0.0, "N", 0.0, 1e5, "pull F_0 at zero gap", "image force of a magnet array", typical=2.0)
+    },
 )
 def beam_attraction(gap_top, wave_number, force):
     """Attraction by a steel beam, F_y −= F_0 exp(−2 k g_1)."""

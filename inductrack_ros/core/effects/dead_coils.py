@@ -17,7 +17,9 @@ def places(ranges):
     starts=places,
     parameters={
         "place": Parameter(5.0, "m", -1e4, 1e4, "middle z_d of the stretch", "track survey", typical=0.05),
-        "fraction": Parameter(0.0, "", 0.0, 1.0, "fraction f of the coils under the arrays that is dead", "track survey", typical=0.02),
+        "fraction": Parameter(
+            0.0, "", 0.0, 1.0, "fraction f of the coils under the arrays that is dead", "track survey", typical=0.02
+        ),
     },
 )
 def dead_coils(repulsion_top, repulsion_right, repulsion_left, magnetic_drag, surge, array_length, place, fraction):

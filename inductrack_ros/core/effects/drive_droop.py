@@ -6,7 +6,9 @@ from . import Parameter, effect
 @effect(
     changes="thrust",
     parameters={
-        "fraction_per_pulse": Parameter(0.0, "", 0.0, 0.5, "fraction δ of the thrust lost with each pulse", "supply of limited charge", typical=2e-4)
+        "fraction_per_pulse": Parameter(
+            0.0, "", 0.0, 0.5, "fraction δ of the thrust lost with each pulse", "supply of limited charge", typical=2e-4
+        )
     },
 )
 def drive_droop(thrust, travel, wavelength, fraction_per_pulse):

@@ -18,7 +18,8 @@ def body_on_frame(force_heave, mass, offset, offset_rate, frequency, damping_rat
 
 
 def modes(ranges):
-    """Modes from below the heave's to above what sensors of 250 Hz show, about as near to each other as their resonances are wide."""
+    """Modes from below the heave's to above what sensors of 250 Hz show, about as near to each other as their
+    resonances are wide."""
     return [{"frequency": 5.0 * 1.15**i, "damping_ratio": 0.03, "mass_ratio": 0.35} for i in range(24)]
 
 
@@ -28,11 +29,23 @@ def modes(ranges):
     states={"offset": 0.0, "offset_rate": 0.0},
     starts=modes,
     parameters={
-        "frequency": Parameter(math.inf, "Hz", 1.0, math.inf, "frequency f of the frame on a body that is held", "modal survey", typical=60.0, fit_as="1/x^2"),
+        "frequency": Parameter(
+            math.inf,
+            "Hz",
+            1.0,
+            math.inf,
+            "frequency f of the frame on a body that is held",
+            "modal survey",
+            typical=60.0,
+            fit_as="1/x^2",
+        ),
         "damping_ratio": Parameter(0.03, "", 0.0, 2.0, "damping ratio ζ", "modal survey", typical=0.01),
-        "mass_ratio": Parameter(0.3, "", 0.01, 1.0, "part μ of the mass that is on the frame", "weighing", typical=0.05),
+        "mass_ratio": Parameter(
+            0.3, "", 0.01, 1.0, "part μ of the mass that is on the frame", "weighing", typical=0.05
+        ),
     },
 )
 def flexible_mode(track_height, track_height_rate, offset, offset_rate):
-    """Elastic frame of mass μm, gaps use heave + p; with s = (2πf)² p + 2ζ(2πf) ṗ the body has ÿ = μ s, the frame p̈ = F/(μm) − s."""
+    """Elastic frame of mass μm, gaps use heave + p; with s = (2πf)² p + 2ζ(2πf) ṗ the body has ÿ = μ s, the frame p̈ =
+    F/(μm) − s."""
     return track_height - offset, track_height_rate - offset_rate

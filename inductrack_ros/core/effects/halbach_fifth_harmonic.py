@@ -8,7 +8,9 @@ from . import Parameter, effect
 @effect(
     changes=("overlap_top", "overlap_right", "overlap_left"),
     parameters={
-        "relative_amplitude": Parameter(0.0, "", -1.0, 1.0, "relative amplitude ε of the harmonic", "Halbach (1980)", typical=0.005)
+        "relative_amplitude": Parameter(
+            0.0, "", -1.0, 1.0, "relative amplitude ε of the harmonic", "Halbach (1980)", typical=0.005
+        )
     },
 )
 def halbach_fifth_harmonic(

@@ -5,7 +5,9 @@ from . import Parameter, effect
 
 @effect(
     changes="measured",
-    parameters={"time_constant": Parameter(0.0, "s", 0.0, 1.0, "time constant τ of the reading", "filters", typical=1e-3)},
+    parameters={
+        "time_constant": Parameter(0.0, "s", 0.0, 1.0, "time constant τ of the reading", "filters", typical=1e-3)
+    },
     states={"reading": "measured"},
 )
 def sensor_lag(measured, reading, time_constant):

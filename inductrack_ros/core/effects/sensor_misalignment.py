@@ -7,7 +7,9 @@ from . import Parameter, effect
 
 @effect(
     changes=("measured_sway", "measured_heave", "measured_sway_rate", "measured_heave_rate"),
-    parameters={"angle": Parameter(0.0, "rad", -0.5, 0.5, "angle α by which the sensors are turned", "mounting", typical=1e-3)},
+    parameters={
+        "angle": Parameter(0.0, "rad", -0.5, 0.5, "angle α by which the sensors are turned", "mounting", typical=1e-3)
+    },
 )
 def sensor_misalignment(measured_sway, measured_heave, measured_sway_rate, measured_heave_rate, angle):
     """Turned sensors, sway′ = sway cos α + heave sin α, heave′ = heave cos α − sway sin α; their rates alike."""

@@ -18,7 +18,15 @@ def _piled_up(readings):
     starts=_piled_up,
     parameters={
         "limit": Parameter(
-            math.inf, "", 1e-9, math.inf, "largest reading, in the channel's unit", "data sheets", typical=1.0, fit_as="1/x", per_channel="span"
+            math.inf,
+            "",
+            1e-9,
+            math.inf,
+            "largest reading, in the channel's unit",
+            "data sheets",
+            typical=1.0,
+            fit_as="1/x",
+            per_channel="span",
         )
     },
 )

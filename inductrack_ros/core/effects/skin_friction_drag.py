@@ -11,7 +11,9 @@ VISCOSITY = 1.862e-5  # Pa·s, μ of (16)
 @effect(
     adds="force_surge",
     parameters={
-        "wetted_area": Parameter(0.0, "m²", 0.0, 1000.0, "area S the air rubs on", "Kim and Ge (2012), (14)–(16)", typical=1.0)
+        "wetted_area": Parameter(
+            0.0, "m²", 0.0, 1000.0, "area S the air rubs on", "Kim and Ge (2012), (14)–(16)", typical=1.0
+        )
     },
 )
 def skin_friction_drag(surge_rate, air_density, wetted_area):

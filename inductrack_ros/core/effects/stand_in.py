@@ -10,7 +10,8 @@ from ..cache import compiled_once
 from ..state import COORDINATES
 from . import Parameter, effect
 
-#: What a stand-in, named ``stand_in_<one of these>``, acts on: it adds to a coordinate's force or changes the thrust by a share.
+#: What a stand-in, named ``stand_in_<one of these>``, acts on: it adds to a coordinate's force or changes the thrust by
+#: a share.
 ACTS_ON = (*COORDINATES, "thrust")
 #: What a stand-in may depend on, in the order of its ``variable``.
 VARIABLES = (
@@ -19,7 +20,23 @@ VARIABLES = (
 TABLE = 192
 
 
-def curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive, start, step, knots, values):
+def curve(
+    variable,
+    surge,
+    sway,
+    heave,
+    roll,
+    surge_rate,
+    sway_rate,
+    heave_rate,
+    roll_rate,
+    time,
+    drive,
+    start,
+    step,
+    knots,
+    values,
+):
     """Σ values_j B((u − start)/step − j) with the cubic B-spline B; held constant beyond the ends."""
     u = surge
     if variable == 1.0:
@@ -70,7 +87,13 @@ def basis(values, start, step, count):
 
 def _parameters(unit, typical):
     return {
-        "variable": Parameter(0.0, "", 0.0, len(VARIABLES) - 1.0, "what it depends on: 0 " + ", ".join(f"{i} {v}" for i, v in enumerate(VARIABLES))[2:]),
+        "variable": Parameter(
+            0.0,
+            "",
+            0.0,
+            len(VARIABLES) - 1.0,
+            "what it depends on: 0 " + ", ".join(f"{i} {v}" for i, v in enumerate(VARIABLES))[2:],
+        ),
         "start": Parameter(0.0, "", -1e9, 1e9, "value of the variable at the first entry of the table"),
         "step": Parameter(1.0, "", 1e-12, 1e9, "spacing of the table"),
         "knots": Parameter(1.0, "", 1.0, float(TABLE), "entries of the table in use"),
@@ -79,30 +102,199 @@ def _parameters(unit, typical):
 
 
 @effect(adds="force_surge", parameters=_parameters("N", 1.0), screened=False)
-def stand_in_surge(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+# Fmt: skip.
+def stand_in_surge(
+    surge,
+    sway,
+    heave,
+    roll,
+    surge_rate,
+    sway_rate,
+    heave_rate,
+    roll_rate,
+    time,
+    drive_current,
+    variable,
+    start,
+    step,
+    knots,
+    values,
+):
     """A smooth force in surge that stands in for unknown physics."""
-    return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
+    return curve(
+        variable,
+        surge,
+        sway,
+        heave,
+        roll,
+        surge_rate,
+        sway_rate,
+        heave_rate,
+        roll_rate,
+        time,
+        drive_current,
+        start,
+        step,
+        knots,
+        values,
+    )
 
 
 @effect(adds="force_sway", parameters=_parameters("N", 1.0), screened=False)
-def stand_in_sway(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+# Fmt: skip.
+def stand_in_sway(
+    surge,
+    sway,
+    heave,
+    roll,
+    surge_rate,
+    sway_rate,
+    heave_rate,
+    roll_rate,
+    time,
+    drive_current,
+    variable,
+    start,
+    step,
+    knots,
+    values,
+):
     """A smooth force in sway that stands in for unknown physics."""
-    return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
+    return curve(
+        variable,
+        surge,
+        sway,
+        heave,
+        roll,
+        surge_rate,
+        sway_rate,
+        heave_rate,
+        roll_rate,
+        time,
+        drive_current,
+        start,
+        step,
+        knots,
+        values,
+    )
 
 
 @effect(adds="force_heave", parameters=_parameters("N", 1.0), screened=False)
-def stand_in_heave(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+# Fmt: skip.
+def stand_in_heave(
+    surge,
+    sway,
+    heave,
+    roll,
+    surge_rate,
+    sway_rate,
+    heave_rate,
+    roll_rate,
+    time,
+    drive_current,
+    variable,
+    start,
+    step,
+    knots,
+    values,
+):
     """A smooth force in heave that stands in for unknown physics."""
-    return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
+    return curve(
+        variable,
+        surge,
+        sway,
+        heave,
+        roll,
+        surge_rate,
+        sway_rate,
+        heave_rate,
+        roll_rate,
+        time,
+        drive_current,
+        start,
+        step,
+        knots,
+        values,
+    )
 
 
 @effect(adds="moment_roll", parameters=_parameters("N·m", 0.05), screened=False)
-def stand_in_roll(surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+# Fmt: skip.
+def stand_in_roll(
+    surge,
+    sway,
+    heave,
+    roll,
+    surge_rate,
+    sway_rate,
+    heave_rate,
+    roll_rate,
+    time,
+    drive_current,
+    variable,
+    start,
+    step,
+    knots,
+    values,
+):
     """A smooth moment in roll that stands in for unknown physics."""
-    return curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values)
+    return curve(
+        variable,
+        surge,
+        sway,
+        heave,
+        roll,
+        surge_rate,
+        sway_rate,
+        heave_rate,
+        roll_rate,
+        time,
+        drive_current,
+        start,
+        step,
+        knots,
+        values,
+    )
 
 
 @effect(changes="thrust", parameters=_parameters("", 0.01), screened=False)
-def stand_in_thrust(thrust, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, variable, start, step, knots, values):  # fmt: skip
+# Fmt: skip.
+def stand_in_thrust(
+    thrust,
+    surge,
+    sway,
+    heave,
+    roll,
+    surge_rate,
+    sway_rate,
+    heave_rate,
+    roll_rate,
+    time,
+    drive_current,
+    variable,
+    start,
+    step,
+    knots,
+    values,
+):
     """A smooth share of the thrust, more or less, that stands in for unknown physics."""
-    return thrust * (1.0 + curve(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start, step, knots, values))
+    return thrust * (
+        1.0
+        + curve(
+            variable,
+            surge,
+            sway,
+            heave,
+            roll,
+            surge_rate,
+            sway_rate,
+            heave_rate,
+            roll_rate,
+            time,
+            drive_current,
+            start,
+            step,
+            knots,
+            values,
+        )
+    )

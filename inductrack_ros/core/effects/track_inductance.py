@@ -5,7 +5,9 @@ from . import Parameter, effect
 
 @effect(
     changes="inductance",
-    parameters={"relative_change": Parameter(0.0, "", -0.9, 10.0, "relative change ε of L", "a wrong constant", typical=0.02)},
+    parameters={
+        "relative_change": Parameter(0.0, "", -0.9, 10.0, "relative change ε of L", "a wrong constant", typical=0.02)
+    },
 )
 def track_inductance(inductance, relative_change):
     """A wrong constant, L (1 + ε)."""

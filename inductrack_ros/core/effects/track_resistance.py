@@ -5,7 +5,9 @@ from . import Parameter, effect
 
 @effect(
     changes="resistance",
-    parameters={"relative_change": Parameter(0.0, "", -0.9, 10.0, "relative change ε of R", "a wrong constant", typical=0.02)},
+    parameters={
+        "relative_change": Parameter(0.0, "", -0.9, 10.0, "relative change ε of R", "a wrong constant", typical=0.02)
+    },
 )
 def track_resistance(resistance, relative_change):
     """A wrong constant, R (1 + ε)."""

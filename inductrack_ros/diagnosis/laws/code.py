@@ -1,4 +1,5 @@
-"""Proposed laws as the text of a Python module with an `@effect` function each: what a refit runs and what a user edits."""
+"""Proposed laws as the text of a Python module with an `@effect` function each: what a refit runs and what a user
+edits."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ FILE = "proposed_effects.py"
 
 @dataclass(frozen=True)
 class Written:
-    """A law to be written: its form, what it acts on and depends on, its values, the range of the data, and what its docstring says."""
+    """A law to be written: its form, what it acts on and depends on, its values, the range of the data, and what its
+    docstring says."""
 
     form: Form
     acts_on: str
@@ -40,7 +42,9 @@ def module_text(laws: Sequence[Written], header: str = "") -> str:
     """The module with these laws."""
     used = "import math\n\n" if any("math." in t.expression for law in laws for t in law.form.terms) else ""
     top = f'"""{header}"""\n\n' if header else ""
-    return f"{top}{used}from inductrack_ros.core.effects import Parameter, effect\n\n\n" + "\n\n".join(_effect_text(law) for law in laws)
+    return f"{top}{used}from inductrack_ros.core.effects import Parameter, effect\n\n\n" + "\n\n".join(
+        _effect_text(law) for law in laws
+    )
 
 
 def _effect_text(law: Written) -> str:
@@ -54,7 +58,10 @@ def _effect_text(law: Written) -> str:
         target = f'adds="{_ADDS[law.acts_on]}"'
     declared = "".join(f"        {_declaration(law, p)},\n" for p in law.form.names)
     words = f'    """{law.words}"""\n' if law.words else ""
-    return f"@effect(\n    {target},\n    parameters={{\n{declared}    }},\n)\ndef {law.name}({names}):\n{words}    return {total}\n"
+    return (
+        f"@effect(\n    {target},\n    parameters={{\n{declared}    }},\n)\ndef {law.name}({names}):\n{words}    return"
+        f" {total}\n"
+    )
 
 
 def _product(size: str, expression: str) -> str:
@@ -64,7 +71,10 @@ def _product(size: str, expression: str) -> str:
 def _declaration(law: Written, parameter: str) -> str:
     """A line of the parameters' declaration."""
     p = declaration(law, parameter)
-    return f'"{parameter}": Parameter({p.default!r}, "{p.unit}", {p.low!r}, {p.high!r}, "{p.meaning}", "{p.source}", typical={p.typical!r})'
+    return (
+        f'"{parameter}": Parameter({p.default!r}, "{p.unit}", {p.low!r}, {p.high!r}, "{p.meaning}", "{p.source}",'
+        f" typical={p.typical!r})"
+    )
 
 
 def declaration(law: Written, parameter: str) -> Parameter:
@@ -73,15 +83,18 @@ def declaration(law: Written, parameter: str) -> Parameter:
     kind = next((s.kind for s in law.form.shapes if s.name == parameter), "")
     if kind:
         low, high = law.covered.bounds(kind)
-        default, typical = _rounded(value, 5), {"power": 0.05, "phase": 0.1}.get(kind) or STEP * min(high - low, law.covered.length)
+        default, typical = (
+            _rounded(value, 5),
+            {"power": 0.05, "phase": 0.1}.get(kind) or STEP * min(high - low, law.covered.length),
+        )
         low, high = min(_rounded(low, 3), default), max(_rounded(high, 3), default)
     else:
         default, high, typical = 0.0, _rounded(WIDE * abs(value) or 1.0, 1), abs(value) / 10 or 1.0
         low = -high
-    return Parameter(default, unit, low, high, meaning_of(law.form, parameter), "proposed by a diagnosis", _rounded(typical, 2))
+    return Parameter(
+        default, unit, low, high, meaning_of(law.form, parameter), "proposed by a diagnosis", _rounded(typical, 2)
+    )
 
 
 def _rounded(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}")
-
-

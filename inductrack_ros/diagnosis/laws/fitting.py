@@ -1,9 +1,8 @@
 """Closed forms fitted to the table of an unknown force, with what the data say of the table as weight.
 
-A fitted table is as smooth as its prior makes it. Here the prior is taken out again: what is left is the data's own Gaussian
-statement about the table, as independent numbers of unit noise (`Table`). Every form is fitted to these by variable projection
-(Golub and Pereyra 1973): sizes by linear least squares, shapes from a grid of starts.
-"""
+A fitted table is as smooth as its prior makes it. Here the prior is taken out again: what is left is the data's own
+Gaussian statement about the table, as independent numbers of unit noise (`Table`). Every form is fitted to these by
+variable projection (Golub and Pereyra 1973): sizes by linear least squares, shapes from a grid of starts."""
 
 from __future__ import annotations
 
@@ -32,7 +31,8 @@ LEVEL = 0.001
 
 @dataclass(frozen=True)
 class Table:
-    """What data say of an unknown force over a variable: ``told`` (d,) = ``shown`` (d, n) · force at ``u`` (n,), noise of unit variance.
+    """What data say of an unknown force over a variable: ``told`` (d,) = ``shown`` (d, n) · force at ``u`` (n,), noise
+    of unit variance.
 
     A constant is not seen of a change of the thrust, for γ does the same (``level``: it is taken out).
     """
@@ -55,14 +55,26 @@ class Table:
         return len(self.told) - self.level
 
     @classmethod
-    def of(cls, name: str, variable: str, start: float, step: float, values: np.ndarray, covariance: np.ndarray, weight: float, local: bool = False) -> Table:
+    def of(
+        cls,
+        name: str,
+        variable: str,
+        start: float,
+        step: float,
+        values: np.ndarray,
+        covariance: np.ndarray,
+        weight: float,
+        local: bool = False,
+    ) -> Table:
         """From a stand-in's fitted values (l,), their covariance (l, l) and the ``weight`` of its roughness."""
         count, free = len(values), slice(ENDS, -ENDS) if local else slice(None)
         plain, bent = (roughness(name, count, w)[free, free] for w in (0.0, 1.0))
         bends, modes = np.linalg.eigh(bent - plain)
         prior = plain[0, 0] + weight * np.where(bends > 1e-12 * bends[-1], bends, 0.0)
         held = covariance[free, free]
-        sure = prior < SURE / (prior[-1] * np.linalg.norm(held, 2) ** 2)  # of bends that the prior holds far harder nothing is known
+        sure = prior < SURE / (
+            prior[-1] * np.linalg.norm(held, 2) ** 2
+        )  # of bends that the prior holds far harder nothing is known
         modes, prior = modes[:, sure], prior[sure]
         root = np.sqrt(prior)[:, None] * modes.T
         whole = root @ held @ root.T
@@ -74,7 +86,14 @@ class Table:
         told = np.sqrt(said[seen]) * (directions @ values[free]) / (1.0 - left[seen])
         u = start + np.linspace(0.0, count - 1.0, POINTS) * step
         laid = np.linalg.pinv(basis(u, start, step, count), rcond=1e-8)[free]
-        return cls(name.removeprefix("stand_in_"), variable, u, told, np.sqrt(said[seen])[:, None] * directions @ laid, name == "stand_in_thrust")
+        return cls(
+            name.removeprefix("stand_in_"),
+            variable,
+            u,
+            told,
+            np.sqrt(said[seen])[:, None] * directions @ laid,
+            name == "stand_in_thrust",
+        )
 
     def lay(self, columns: np.ndarray) -> np.ndarray:
         """Columns (n, k) of forces as the data see them, (d, k)."""
@@ -96,8 +115,8 @@ class Table:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A form fitted to a table: its parameters with their standard deviations, the misfit χ² of ``dof`` degrees of freedom, the p-value of that, and what it costs
-    (χ² and log n for each parameter, Schwarz 1978)."""
+    """A form fitted to a table: its parameters with their standard deviations, the misfit χ² of ``dof`` degrees of
+    freedom, the p-value of that, and what it costs (χ² and log n for each parameter, Schwarz 1978)."""
 
     form: Form
     parameters: Mapping[str, float]
@@ -118,7 +137,14 @@ def fitted(table: Table, samples: int, forms: Sequence[Form] | None = None) -> l
     for form in forms_on(table.variable, table.acts_on) if forms is None else forms:
         parameters, misfit = _fitted(table, form)
         parameters = _canonical(form, parameters)
-        one = Fitted(form, parameters, _deviations(table, form, parameters), misfit, table.seen - form.count, misfit + form.count * float(np.log(max(samples, 2))))
+        one = Fitted(
+            form,
+            parameters,
+            _deviations(table, form, parameters),
+            misfit,
+            table.seen - form.count,
+            misfit + form.count * float(np.log(max(samples, 2))),
+        )
         laid = table.lay(form.value(table.u, parameters)[:, None])[:, 0]
         if not any(f.form.count == form.count and _parallel(laid, other) for f, other in found):
             found.append((one, laid))
@@ -135,7 +161,9 @@ def _deviations(table: Table, form: Form, parameters: Mapping[str, float]) -> di
     """Standard deviations of a form's parameters, to first order."""
     slopes = []
     for name in form.names:
-        step = 1e-5 * max(abs(parameters[name]), 1e-3 * table.range.length if name in (s.name for s in form.shapes) else 1e-12)
+        step = 1e-5 * max(
+            abs(parameters[name]), 1e-3 * table.range.length if name in (s.name for s in form.shapes) else 1e-12
+        )
         ahead, behind = (form.value(table.u, {**parameters, name: parameters[name] + h}) for h in (step, -step))
         slopes.append((ahead - behind) / (2.0 * step))
     columns = table.lay(np.column_stack(slopes))

@@ -1,4 +1,5 @@
-"""From the table of an unknown force to laws: all forms against the table, the best refitted in full in its place, ranked by evidence."""
+"""From the table of an unknown force to laws: all forms against the table, the best refitted in full in its place,
+ranked by evidence."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ REFITTED, HOPELESS = 4, 1e-9
 
 
 def propose_laws(task: Task, state: State, unknown: Unknown | None, sigma: np.ndarray) -> Laws | None:
-    """Laws in the place of the force of any shape at the end of a search; None where there is none, or the search was broken off.
+    """Laws in the place of the force of any shape at the end of a search; None where there is none, or the search was
+    broken off.
 
     ``unknown`` is its curve, ``sigma`` (c,) the noise over which errors are told.
     """
@@ -40,7 +42,9 @@ def propose_laws(task: Task, state: State, unknown: Unknown | None, sigma: np.nd
     occam = dict(state.freedom)[name]
     table = table_of(fit, name)
     screened = fitted(table, samples)
-    tried = [s for s in screened if s.p_value > HOPELESS and s.cost < screened[0].cost + NEAR][:REFITTED] or screened[:1]
+    tried = [s for s in screened if s.p_value > HOPELESS and s.cost < screened[0].cost + NEAR][:REFITTED] or screened[
+        :1
+    ]
     task.tell(f"closed forms in place of the table: {', '.join(s.form.title for s in tried)}")
     written = [Written(s.form, table.acts_on, table.variable, s.parameters, table.range) for s in tried]
     found: list[tuple[Fit, Written, ProposedLaw]] = []
@@ -70,7 +74,7 @@ are the physics. Edit them as you like, then
 
     inductrack diagnose CAMPAIGN --effects proposed_effects.py --output DIR     # they compete with all known effects
     inductrack add NAME CAMPAIGN --effects proposed_effects.py --output DIR     # one of them, whatever competes
-"""
+"""  # noqa: E501
 
 
 def table_of(fit: Fit, name: str) -> Table:
@@ -79,7 +83,16 @@ def table_of(fit: Fit, name: str) -> Table:
     scale, about = fit.structure.scale[mine], fit.structure.model.effects[name]
     covariance = fit.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
     weight, local = fit.structure.smoothness.get(name, 0.0), name in fit.structure.local
-    return Table.of(name, VARIABLES[int(about["variable"])], about["start"], about["step"], fit.theta[mine] * scale, covariance, weight, local)
+    return Table.of(
+        name,
+        VARIABLES[int(about["variable"])],
+        about["start"],
+        about["step"],
+        fit.theta[mine] * scale,
+        covariance,
+        weight,
+        local,
+    )
 
 
 def _misfit(fit: Fit) -> float:
@@ -88,7 +101,8 @@ def _misfit(fit: Fit) -> float:
 
 
 def _refitted(task: Task, fit: Fit, name: str, law: Written) -> Fit:
-    """Everything refitted with the law in the table's place, from where the fit and the law's own fit to the table stand."""
+    """Everything refitted with the law in the table's place, from where the fit and the law's own fit to the table
+    stand."""
     structure = LawStructure.of(fit.structure, name, law)
     theta = structure.start.copy()
     own = dict(zip(fit.structure.free, fit.theta, strict=True))
@@ -98,7 +112,8 @@ def _refitted(task: Task, fit: Fit, name: str, law: Written) -> Fit:
 
 
 def _judged(new: Fit, law: Written, excess: float, seen: int, saved: float, at: np.ndarray) -> ProposedLaw:
-    """A refitted law whose misfit exceeds by ``excess`` that of a table of which ``seen`` numbers are known; ``saved``: what it costs less."""
+    """A refitted law whose misfit exceeds by ``excess`` that of a table of which ``seen`` numbers are known; ``saved``:
+    what it costs less."""
     values, deviations = _own(new.values, law.name), _own(new.deviations, law.name)
     p = float(stats.chi2.sf(max(excess, 0.0), max(seen - law.form.count, 1))) if np.isfinite(excess) else 0.0
     about = law.acts_on, law.variable
@@ -116,16 +131,23 @@ def _own(values: Mapping[str, float], name: str) -> dict[str, float]:
 def _documented(written: Written, law: ProposedLaw) -> Written:
     """The law with its refitted values and its evidence in words."""
     lines = [
-        f"Proposed: {law.words}.", "",
-        f"    Twice the log evidence over a table of any shape: {law.evidence:.0f}. Seen from {written.covered.low:.4g} to {written.covered.high:.4g} of {written.variable};",
-        "    beyond that nothing is known.", "    ",
-    ]  # fmt: skip
+        f"Proposed: {law.words}.",
+        "",
+        (
+            f"    Twice the log evidence over a table of any shape: {law.evidence:.0f}. Seen from"
+            f" {written.covered.low:.4g} to {written.covered.high:.4g} of {written.variable};"
+        ),
+        "    beyond that nothing is known.",
+        "    ",
+    ]
     return replace(written, values={p: v for p, (v, _, _) in law.parameters.items()}, words="\n".join(lines))
 
 
 def _model_with(fit: Fit, name: str, law: ProposedLaw) -> Model:
     """The fitted model with the law as an effect of the file beside it, wherever the folder goes."""
-    effects = {n: v for n, v in fit.model.effects.items() if n != name} | {law.name: {p: v for p, (v, _, _) in law.parameters.items()}}
+    effects = {n: v for n, v in fit.model.effects.items() if n != name} | {
+        law.name: {p: v for p, (v, _, _) in law.parameters.items()}
+    }
     return replace(fit.model, effects=effects, effect_files=(*fit.model.effect_files, FILE))
 
 
@@ -140,4 +162,6 @@ def _settles(laws: Sequence[Written], fits: Sequence[Fit]) -> str:
     first, second = (law.form.value(u, _own(f.values, law.name)) for law, f in zip(laws[:2], fits[:2], strict=True))
     where = float(u[np.argmax(np.abs(first - second))])
     beyond = " (these did not)" if not r.low <= where <= r.high else ""
-    return f"Runs that dwell near {words.CALLED[laws[0].variable]} = {where:.3g}{beyond} would tell the first two apart."
+    return (
+        f"Runs that dwell near {words.CALLED[laws[0].variable]} = {where:.3g}{beyond} would tell the first two apart."
+    )

@@ -20,10 +20,10 @@ MODEL_FILE = "model_proposed.yaml"
 class ProposedLaw:
     """A closed form refitted in full in the table's place.
 
-    ``parameters`` are value, standard deviation and unit by name; ``evidence`` is twice the log evidence over the table (Schwarz, forms
-    counted): positive where the law is the better description; ``p_value`` is the chance of a misfit as much larger than the
-    table's if the law is true; ``force`` (n,) is its curve at the unknown's ``at``. ``heldout_nrmse`` is its error on runs left out, of the best one.
-    """
+    ``parameters`` are value, standard deviation and unit by name; ``evidence`` is twice the log evidence over the table
+    (Schwarz, forms counted): positive where the law is the better description; ``p_value`` is the chance of a misfit as
+    much larger than the table's if the law is true; ``force`` (n,) is its curve at the unknown's ``at``.
+    ``heldout_nrmse`` is its error on runs left out, of the best one."""
 
     name: str
     title: str
@@ -39,18 +39,24 @@ class ProposedLaw:
     def to_json(self) -> dict[str, Any]:
         """As ``diagnosis.json`` has it."""
         return {
-            "name": self.name, "formula": self.formula, "evidence": self.evidence, "p_value": self.p_value, "in_words": self.words,
+            "name": self.name,
+            "formula": self.formula,
+            "evidence": self.evidence,
+            "p_value": self.p_value,
+            "in_words": self.words,
             "parameters": {n: {"value": v, "std": s, "unit": u} for n, (v, s, u) in self.parameters.items()},
-            "reduced_chi2": self.reduced_chi2, "heldout_nrmse": self.heldout_nrmse,
-        }  # fmt: skip
+            "reduced_chi2": self.reduced_chi2,
+            "heldout_nrmse": self.heldout_nrmse,
+        }
 
 
 @dataclass(frozen=True)
 class Laws:
-    """The laws ``proposed``, best first, which these data cannot tell apart; else none, and the ``nearest`` with what speaks against it.
+    """The laws ``proposed``, best first, which these data cannot tell apart; else none, and the ``nearest`` with what
+    speaks against it.
 
-    ``tried``: how many forms were compared; ``model``: with the best law in the table's place; ``code``: the text of `FILE`.
-    """
+    ``tried``: how many forms were compared; ``model``: with the best law in the table's place; ``code``: the text of
+        `FILE`."""
 
     tried: int
     proposed: tuple[ProposedLaw, ...] = ()
@@ -63,13 +69,21 @@ class Laws:
     def sentence(self) -> str:
         """The outcome in one or two sentences."""
         if not self.proposed:
-            near = f" The nearest is {self.nearest.title}, {self.nearest.formula}, and the data turn it down (p = {self.nearest.p_value:.1g})." if self.nearest else ""
+            near = (
+                f" The nearest is {self.nearest.title}, {self.nearest.formula}, and the data turn it down (p ="
+                f" {self.nearest.p_value:.1g})."
+                if self.nearest
+                else ""
+            )
             return f"None of the {self.tried} forms tried describes it as well as the table.{near}"
         best = self.proposed[0]
         if len(self.proposed) == 1:
             return f"Of {self.tried} forms tried one describes it as well as the table: {best.words}."
         others = ", ".join(f"{law.title} ({law.formula})" for law in self.proposed[1:])
-        return f"Of {self.tried} forms tried {len(self.proposed)} describe it as well as the table. The best is {best.words}. These data cannot tell it from {others}.{f' {self.settles}' if self.settles else ''}"
+        return (
+            f"Of {self.tried} forms tried {len(self.proposed)} describe it as well as the table. The best is"
+            f" {best.words}. These data cannot tell it from {others}.{f' {self.settles}' if self.settles else ''}"
+        )
 
     def write(self, folder: Path, comment: str) -> None:
         """Write `FILE` and `MODEL_FILE` where there is a law to propose."""

@@ -1,8 +1,8 @@
-"""A law in the place of a table, to be refitted in full: the table's values follow from the law's parameters, which are free.
+"""A law in the place of a table, to be refitted in full: the table's values follow from the law's parameters, which are
+free.
 
-The model's own stand-in carries the law as a table of `KNOTS` entries, so nothing is compiled; what is written for the user
-(`code`) is the law itself.
-"""
+The model's own stand-in carries the law as a table of `KNOTS` entries, so nothing is compiled; what is written for the
+user (`code`) is the law itself."""
 
 from __future__ import annotations
 
@@ -37,7 +37,13 @@ class LawStructure(Structure):
         r = law.covered
         low, high = r.low - BEYOND * r.length, r.high + BEYOND * r.length
         plain = structure.minus(carrier)
-        table = {"variable": structure.model.effects[carrier]["variable"], "start": low, "step": (high - low) / (KNOTS - 1), "knots": float(KNOTS), "values": (0.0,) * KNOTS}
+        table = {
+            "variable": structure.model.effects[carrier]["variable"],
+            "start": low,
+            "step": (high - low) / (KNOTS - 1),
+            "knots": float(KNOTS),
+            "values": (0.0,) * KNOTS,
+        }
         model = plain.model.with_changes(effects={**plain.model.effects, carrier: table})
         free = plain.free + tuple(f"{law.name}.{p}" for p in law.form.names)
         return cls(model, free, plain.smoothness, plain.local, None, law, carrier)
