@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Package description for pip and for colcon (ament_python)."""
 
 import xml.etree.ElementTree as ElementTree

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Blind benchmark of the diagnosis: campaigns drawn at random and made by a simulator that shares nothing with the
 library.
 

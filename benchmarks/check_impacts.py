@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often the look at the data takes an impact for a fault: campaigns of the package's own model that hit the track
 in every way.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often the look at the data is wrong: clean campaigns of the independent simulator, as they are and spoiled in one
 way each.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well closed forms are told from the table of an unknown force: laws drawn at random, tables with noise as the
 fits give them.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """make soak: half an hour of simulated running as fast as the machine can, recorded; is memory flat, is anything lost?
 
     python benchmarks/soak.py [--minutes 30] [--lockstep] [--output build/soak.json]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Start and stop every node many times under load: how many end clean?
 
     python benchmarks/starts_and_stops.py [--times 200] [--load 4] [--seed 0]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sweep over the bare ensemble: what starts, statistics and maps cost on top of flying. Prints ratios of times taken
 in turn.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How Sphinx reads these pages: `make docs`, or rosdoc2."""
 
 import xml.etree.ElementTree as ElementTree

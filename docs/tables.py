@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Put the tables that the code prints into the pages that show them: ``make tables``."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Speed, top gap and height of a recorded run as a picture: python examples/draw_run.py BAG PICTURE.svg"""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A user's own effect: a magnetised patch under the track, as the diagnosis of an unknown misfit suggested it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A drive controller of your own, against the topics alone (docs/controllers.md). Run it beside the simulator:
 
     sim --ros-args -p drive:=pulses -p lockstep:=true        # on a distribution: ros2 run inductrack_ros sim …

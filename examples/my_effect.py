@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An effect of one's own: a magnetised patch of the track pulls the cradle down as it passes.
 
     inductrack diagnose CAMPAIGN --effects examples/my_effect.py --output DIR

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line: arguments in, files out, exit status 0, 2 for wrong input, 130 when interrupted.
 
 Each command is a pair of functions, one that declares its arguments and one that runs; `COMMANDS` lists them. What

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a model fails: each run of a campaign predicted open loop from its initial state, error over noise.
 
 Nothing is fitted but the initial states that the campaign does not give. What is found is in `comparison`.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`make demo`: a run over real DDS, recorded; then comparison and diagnosis of the sample campaign."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``inductrack fit``: parameters from travel distances, from time series, or from both."""
 
 from __future__ import annotations

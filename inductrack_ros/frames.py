@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Between the paper's frame and ROS (REP-103): the only module that knows both.
 
 Paper: x lateral (left), y up, z forward, roll about z. ROS: x forward, y left, z up, roll about x.

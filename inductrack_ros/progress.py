@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What long work says of itself while somebody watches."""
 
 from __future__ import annotations

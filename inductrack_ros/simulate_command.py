@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``inductrack simulate``: a run, or a campaign of runs, as it is or as the rig's sensors would measure it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``inductrack sweep``: maps for planning runs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Words for any terminal: where its encoding has no η or ±, one that is read as well stands there."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where independent work is done: threads of this machine, or workers of a dask cluster that the user already has.
 
 Both are a `map` that returns results in order, the same to the last bit: a task is a pure function of what it is given,

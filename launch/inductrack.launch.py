@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulator and, where asked for, track controller, monitor, recorder and RViz.
 
     ros2 launch inductrack_ros inductrack.launch.py

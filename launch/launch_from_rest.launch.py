@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From rest by the bungee, afloat, driven, and down on the wheels: one run of the simulator, see
 docs/launch_from_rest.md.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every test that stands in a file which was asked for is collected, or the run fails.
 
 A plugin, or a file that skips itself while it is imported, can end the collection without an error: with the plugins of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Real nodes in real processes over real DDS: fixtures that start them, listen, and end them."""
 
 from __future__ import annotations

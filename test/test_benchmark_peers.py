@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: the peers of the blind benchmark are given a fair chance: each finds a clear drag, and the benchmark's judge
 counts it."""
 

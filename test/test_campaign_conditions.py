@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What differs from run to run: coordinates that are held, conditions, inputs measured in time."""
 
 from __future__ import annotations

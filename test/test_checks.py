@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The look at the data: each kind of fault planted into a clean campaign of our own, and clean campaigns left alone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line as a user meets it: what it writes, what it refuses, and that nothing half-written is left."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A real dask cluster of two workers on loopback, one of which is killed in the middle of the work.
 
 Idea: what comes back must be what this machine alone gives, to the last bit: through a user's effect that the workers

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparison of a model with measurements: a right one is at the noise, a wrong one is shown where it is wrong."""
 
 from __future__ import annotations

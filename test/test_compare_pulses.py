@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: a run driven by pulses, whose errors grow ten-thousandfold in three seconds, compared with the model that made
 it."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a model fails, in words: regions that the runs cannot tell apart are named together, others are not."""
 
 from __future__ import annotations

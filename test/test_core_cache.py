@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where compiled code is kept: not for ever, and not where somebody else could have put it.
 
 That an edited effect is never served stale is in test_core_user_effects.py.

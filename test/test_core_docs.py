@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page on effects says what the code does: its table is the declarations', its example is an effect that works."""
 
 import math

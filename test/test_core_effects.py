@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every effect of the catalogue, under its contracted name: formula, direction, energy, and nothing at its default.
 
 Idea: `reference` below is the model written once more, plainly and without the package, with a place for each effect's

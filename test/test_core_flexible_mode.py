@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The elastic frame: two masses and a spring, written once more with positions of their own.
 
 `flexible_mode` carries how much higher the magnets stand over the body than at rest. Here frame and body are two

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Four trajectories that another simulator made from the same equations (RK4 at 10 µs), reproduced to micrometres.
 
 Idea: the integrator takes steps a hundred times longer and locates contacts; whatever it does, the path must be this

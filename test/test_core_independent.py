@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The effects of November against a second simulator that shares no line with the package: whole runs, and what sensors
 read of them."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a user can get wrong in a model file or a call, one broken input per failure; and that good input comes back.
 
 Idea: whatever stands in a file, the answer is a model or one line that names the place and the remedy, never a

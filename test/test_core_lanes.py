@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs in lanes are those of the scalar kernel, and several times faster where they fly.
 
 Idea: an ensemble of `MANY` runs flies in lanes, its parts, which are fewer, do not. Everything a lane must give back is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published numbers: every row of the table the model must reach, and the paper's contradictions where they can be
 computed.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one place where measurements come out of states: `core.sensors`, whole runs and tick by tick."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects that carry states start from the run's own conditions: its drive current, its pulses, wherever it is run."""
 
 import csv

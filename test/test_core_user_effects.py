@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A user's own effect: one file, used by its name; an edit anywhere in it shows; a mistake in it is told in one line.
 
 Idea: compiled code is cached on disk, and a cache that misses an edit gives wrong physics without a word. So each way

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """rosbag2: there and back, what a rig records, and one broken bag per way to break one."""
 
 import os

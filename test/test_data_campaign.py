@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """campaign.yaml: what it may say, and one broken campaign per way to break one."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CSV files: there and back, and one broken file per way to break one."""
 
 import os

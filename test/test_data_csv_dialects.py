@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CSV as loggers and spreadsheets write it: read to the same numbers, with a word about what was converted or left
 out."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What was converted or left out while reading reaches the terminal, the results and the head of the page."""
 
 from dataclasses import replace

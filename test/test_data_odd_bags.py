@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags as recorders, crashes and converters leave them: read, with a word about what is not as it should be."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: a small fixed part of the blind benchmark: campaigns drawn at random and made by a simulator the library does
 not share."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: campaigns of an independent simulator as a rig logs them; the physics is named, and what the log does besides
 is a finding.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rig that is not the paper's: one degree of freedom, a shape factor twenty times smaller, a sensor that reads to 0.1
 mm.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: data that cannot support a diagnosis get one that says so; never a stack trace, never a confident guess."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: an unknown force becomes a law. The right form is found for tables of known truth, none is claimed for what is
 no form of the list, the written effect is the law that was fitted, and a campaign of the independent simulator gives
 back its spring."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The run that a diagnosis proposes stays within the limits that the campaign gives, from its start to its end."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: two effects that the data cannot tell apart; the run that is proposed, made by the independent simulator,
 settles it."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: campaigns of an independent simulator with known answers; the verdict, the sizes, and runs the fit never
 saw."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every effect of a sensor is a candidate: hidden in a campaign that `simulate` makes, it is found, and its size."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: the worked example of docs/diagnosis.md. An unknown is found, its effect written in ten lines, and it wins the
 ranking."""
 

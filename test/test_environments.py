@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Machines that are not as one's own: no home that can be written, no user, a package that cannot be written, any
 terminal."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The linear filter and smoother against the same system written out as one dense Gaussian."""
 
 from dataclasses import replace

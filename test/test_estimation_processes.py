@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a log does besides the model is found with its size, on runs of the independent simulator spoilt here."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Multiple shooting on runs of the independent simulator: still and shaken, complete and with something missing."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Idea: a fit names one of the parameter sets that do the same, and it does do the same."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults of controllers and simulators, in real processes over real DDS: what is lost, who says so, what goes on.
 
 Idea: a rig's user wants no thrust that nobody commands, a count of what went wrong, and to go on without a restart of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The disk is full, as the kernel's limit on the size of files stands in for: what was there stays whole and
 readable."""
 

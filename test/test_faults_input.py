@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrong input to nodes and commands as a user gives it, and files of others: one line, exit status 2, nothing run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paper frame ↔ ROS: proper rotations, right signs, there and back."""
 
 import numpy as np

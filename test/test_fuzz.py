@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whatever stands in a file or a message, the answer is a result or one line; never a traceback, a hang, a NaN sent
 out.
 

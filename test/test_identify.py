@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification: the answer is the data's, both methods find it, and the stated interval means what it says.
 
 Idea: where the model is linear, standard errors and intervals are known in closed form; where it is the cradle, the

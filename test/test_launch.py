@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The launch file: what it starts, by its plan; where `launch` is there, the real thing with real nodes."""
 
 from __future__ import annotations

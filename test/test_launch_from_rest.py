@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run from rest to rest: by the model, and by the node as docs/launch_from_rest.md tells it."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`monitor`: forces that are missing are shown with honest errors, a complete model stays quiet, nothing upsets it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes end within seconds of a signal, with the status they earned, whatever the middleware and whoever sends signals
 do."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Controllers: in step with simulated time, so that a run can be repeated to the bit; and in real time."""
 
 from __future__ import annotations

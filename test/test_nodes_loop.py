@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The loop as a user closes it: the package's own nodes fly and record runs, which are then compared and diagnosed."""
 
 from __future__ import annotations

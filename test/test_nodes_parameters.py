@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter files and overrides: what a node takes, what it passes over and says, what it refuses; commands do the
 same."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parts of the nodes that need no ROS: drive pulses, photodiodes, firing, sensors."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`record`: nothing lost, and a bag that can be read however the recorder ends."""
 
 from __future__ import annotations

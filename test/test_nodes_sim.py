@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The `sim` node over real DDS: topics, parameters, services, drive pulses, shutdown."""
 
 from __future__ import annotations

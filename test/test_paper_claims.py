@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every row of the paper's table: the number the page shows, and the verdict it draws.
 
 Idea: the expected numbers come from a simulator that shares no code with the package, from the other simulator here, or

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pulses against the averaged law: formulas, free runs, and where the average fails."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of the paper: complete, self-contained, and saying what the numbers say."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Claims as numbers: eigenvalues, stiffness and damping against long simulations and against formulas from the
 equations.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fast by ratios taken in one run: times alone say more of the machine than of the program.
 
 Idea: bounds far from what is measured (docs/performance.md), so that only a lost factor trips them, and on the check

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What README.md and docs/ say is true: tables are the code's, commands exist, links lead somewhere."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reports in a real browser: no script error, plots drawn, choices followed. Skipped where there is no browser."""
 
 from __future__ import annotations

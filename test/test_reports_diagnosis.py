@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a diagnosis, for every verdict, from results made by hand."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of all reports: what users wrote cannot break out of it, and it needs nothing from outside."""
 
 from __future__ import annotations

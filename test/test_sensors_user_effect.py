@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sensor effect of the user's, with two parameters and a state, does the same in node, fit, compare, diagnosis and
 monitor."""
 

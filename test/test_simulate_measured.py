@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`simulate --measured` and `--run`: what a rig's sensors would deliver, as CSV, bag or campaign."""
 
 import json

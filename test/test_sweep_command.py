@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`inductrack sweep` as a user runs it: files whole or none, and one line for what is wrong."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sweep's numbers are those of single runs, and of algebra where there is any; what draws make of them is what the
 covariance says."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`model.yaml` carries how well its parameters are known, and whoever does not ask for that reads the same model."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/tutorial.md, as a reader would type it: every `sh` block in order in one shell, each `text` block awaited."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RViz, PlotJuggler and Foxglove are given topics and fields that exist, of the types they draw."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`inductrack watch`: what is shown is what was published, in a terminal, in a pipe, as a list and as a table."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What careful users of other tools would do with the same campaign, to measure the diagnosis against.
 
 Each takes a campaign and the model it is held against and returns a `Found`, which the benchmark judges as it judges a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PySINDy's weak form and FROLS, over the catalogue's signatures, with η and γ projected out.
 
 PySINDy's: the test functions, the weak derivatives and integrals (`WeakPDELibrary`), and the order in which terms enter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stepwise selection by BIC over `scipy.optimize.least_squares` fits in simulation.
 
 Forward: every effect of the catalogue and every sensor fault is fitted beside what was accepted, with η, γ and each

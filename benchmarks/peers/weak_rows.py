@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run's equations of motion in PySINDy's weak form, and what each effect and each sensor fault would leave of
 them."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``make benchmark`` and ``make benchmark-check``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peak memory (MB) of recording a bag of pose and twist at 1 kHz, reading or playing it: bag_memory.py record|read|play
 BAG SECONDS."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The least a node can do: a timer at 1 kHz and an empty pose."""
 
 import rclpy

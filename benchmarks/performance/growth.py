@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """5. How cost grows: processor time over runs, samples and candidates, which should be linear; memory over a bag's
 length."""
 

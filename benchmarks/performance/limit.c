@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /* The limit: the base model by hand, with the method of core/integrator.py and nothing else (no effects, no pulses).
  *
  * `run` is one run, plain C for the compiler's optimiser. `ensemble` takes runs eight at a time, lane by lane, as far as

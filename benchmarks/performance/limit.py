@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limit: limit.c, compiled here by the C compiler that is here."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """2. An ensemble of 1,000 runs with different parameters on all cores; the limit is C over lanes with the vectoriser's
 options."""
 

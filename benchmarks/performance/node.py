@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """4. The node: processor share and period jitter at 1 kHz, the fastest speed factor, and the time to the first message.
 
 The limit is an rclpy timer that publishes an empty pose. Listener and nodes share the machine, so jitter is that of all

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """1. One run of 3 s with touchdown: ours, what a user would write, and the limit; all as exact as the golden trajectory
 asks."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a user would write for one run: the model as a function, and a solver of scipy or SUNDIALS.
 
 The function is plain Python on numbers, with the contact as an `if`; numba compiles the same text for the second peer.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the time goes: ``python -m performance.profiles fit|diagnosis|node [SECONDS]``, shares of processor time by
 function.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """3. A fit and a diagnosis of a twelve-run campaign, against `scipy.optimize.least_squares` over our own simulator.
 
 The peer fits what ours fits (free parameters and each run's initial state, with the same weak priors) from the same

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fair times on a machine that others use too: tasks take turns, and what is reported is their ratio."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Do the channels belong to this model's motion at all? What the model's forces at the measured places would do to the
 speeds, against what the speeds did, over short windows; and the gaps at those places against the gaps measured.
 

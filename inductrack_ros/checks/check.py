@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The look as `inductrack check` gives it: findings, and what each run and channel holds. ``check.json``, written by
 `write_check`::
 

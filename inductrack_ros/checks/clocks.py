@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The clock of each run: holes, jumps, a first stamp of 0, jitter, times that no run has. Reads stamps only; allocates
 by their number."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the runs can tell: are there samples enough, does each coordinate move?"""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a look at the data finds: one record for the terminal, `check.json`, the reports and `diagnosis.json`."""
 
 from __future__ import annotations

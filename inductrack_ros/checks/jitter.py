@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stamps that are off by chance: a sample is then off by its speed times that, in all channels at once."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every threshold of the look at the data, with its meaning and where it comes from.
 
 `python benchmarks/check_levels.py` draws clean campaigns and prints how far each statistic goes in them; docs/check.md

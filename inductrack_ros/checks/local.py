@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a sample should be by its neighbours: interpolation over the few samples around it, and the noise that shows.
 
 Everything here is linear in the samples and works through a run a block at a time, so that its memory does not grow

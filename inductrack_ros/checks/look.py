@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole look: every kind of finding about a campaign, and the campaign without what they set aside."""
 
 from __future__ import annotations

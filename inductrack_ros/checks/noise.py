@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The noise: as stated or not, white or coloured, with a hum in it."""
 
 from __future__ import annotations

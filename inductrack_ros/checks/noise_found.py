@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How finely each channel reads and how noisy it is, from the samples alone."""
 
 from __future__ import annotations

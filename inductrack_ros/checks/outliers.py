@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples that are none of their channel's: fillers written where nothing was measured, spikes, a single bad cell.
 
 What a cradle can do is not set aside, however odd it looks: it may swing in one run and lie still in all others, and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Channels that are each other's derivative: a rate and its coordinate, an acceleration and either.
 
 Not derivatives but increments are compared, of the coordinate and of the rate's integral over the same stretch, so that

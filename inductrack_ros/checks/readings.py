@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Data that do not belong to the model's motion as they are written: which unit, sign or clock would make them
 belong?"""
 

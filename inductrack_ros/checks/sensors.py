@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each sensor by itself: constant, stuck, saturated, coarse."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The noise's colour and a hum, from the upper part of each channel's spectrum, where a cradle's motion has died away.
 
 Of every stretch with even steps the deviations from the neighbours' cubics are taken, whose spectrum is that of the

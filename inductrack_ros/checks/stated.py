@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What campaign.yaml says of a run against what its samples say: the initial state, and conditions that take a
 parameter's place."""
 

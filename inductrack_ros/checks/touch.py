@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the track does to a cradle that touches it: where that may be, and how far from its neighbours it can throw a
 sample."""
 

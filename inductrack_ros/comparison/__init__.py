@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `inductrack_ros.compare` finds, sorted and written."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The results of `compare` as files: ``comparison.json`` and predictions.
 
 ``comparison.json``::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where most goes wrong, once every window starts afresh: a region of speed, gap, place or contact, or several that the
 runs cannot tell apart.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `compare` found: runs with their predictions, stretches of all runs, and their errors over noise."""
 
 from __future__ import annotations

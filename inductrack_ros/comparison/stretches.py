@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples of all runs sorted by speed, gap, place and contact: where the error is large."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where compiled code is kept: also for who has no home, no entry in the list of users, or a package that cannot be
 written."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects as machine code, kept on disk: what `kernel` and `sensor_kernel` have in common.
 
 Either writes the text of a Python module in which the effects' functions are called; here the module is loaded, its

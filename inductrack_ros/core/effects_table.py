@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The catalogue of effects as a table, from their declarations: ``python -m inductrack_ros.core.effects_table``."""
 
 from __future__ import annotations

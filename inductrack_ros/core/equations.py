@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The 4-DOF model of Kim and Ge (2012), equation by equation, as `kernel` compiles it.
 
 This function is a text as well as a program: the kernel takes its statements in order and calls each effect right

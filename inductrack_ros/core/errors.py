@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a user can get wrong, said in one line: what, where, and what to do about it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What happened in a run, in words: how far it flew, when it touched the track, when it came to rest."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Classical Runge–Kutta in which no kink falls inside a step.
 
 `kernel` puts this file's text behind the right-hand side it generates and compiles both as one module; the names it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From equations and effects to machine code.
 
 One Python module is written per set of effects: the statements of `equations`, a call of each effect after the

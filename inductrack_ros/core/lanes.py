@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs side by side, each in a lane of the processor's vector registers, for as long as they fly.
 
 `kernel` puts this file's text behind `integrator`'s and a right-hand side without effects in which every quantity is a

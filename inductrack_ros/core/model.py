@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cradle as users meet it: parameters, effects, simulation, forces; read from and written to ROS 2 parameter
 files."""
 

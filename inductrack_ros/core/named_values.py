@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``NAME=VALUE,…`` as users write it on a command line or in a parameter."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters that are no numbers of the physics: what else a model is made of, and the `sim` node's own.
 
 The node's stand here and not with the node, so that a parameter file made for it can be read as a model without ROS.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS 2 parameter files, read without ROS: a file for the `sim` node is a model as well.
 
 Nodes and commands read them here and nowhere else, so the same file gives both the same.

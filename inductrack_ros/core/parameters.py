@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every parameter of the model, declared once: default, unit, range, meaning, source.
 
 ROS descriptors, documentation tables, bounds of fits and the message that refuses a wrong value all come from here.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """JSON as every program reads it: numpy's numbers as numbers, null for NaN and infinity, which JSON has no word for."""
 
 from __future__ import annotations

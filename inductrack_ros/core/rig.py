@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a rig would measure beside the truth: rates, dropouts, noise, bias and delay of its sensors, and their effects.
 
 The `sim` node takes samples tick by tick (`Rig.step`), `inductrack simulate --measured` those of a whole run

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the effects of sensors to machine code, as `kernel` does it for those of the cradle.
 
 One module is written for a set of effects: a function for each thing an effect may do, which asks for the effect by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the sensors make of a run, sample by sample: the loops that `sensor_kernel` compiles with the effects' calls.
 
 A channel's reading at the time t is found in four steps. The effects that change the time say when what is read was

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How measurements come out of a run: the one place where the effects of sensors are applied.
 
 Offline whole runs are read at once (`Sensors.read`); a node reads sample by sample and carries the sensors' states

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names and order of the state and of what a rig can measure.
 
 Vehicle-dynamics words, which need no frame: surge is the travel (paper z), sway the slip (paper x, left positive),

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well a model's parameters are known: a covariance that a parameter file carries beside the model.
 
 It stands under a name of its own, `BLOCK`, which no node has. So nodes, and readers that know nothing of it, pass over

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YAML that people write, read as data: no tags, no key twice, the line of every key, and one line for what is
 wrong."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements in and out: campaigns, CSV files, rosbag2. No ROS installation needed."""
 
 from ..core.model import Pulses

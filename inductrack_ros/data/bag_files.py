@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opens what people have of a rosbag2: a folder with or without its metadata, a bare file, compressed, cut off, of any
 distribution.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The messages of a bag's topics as columns of numbers, in the order of their stamps."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run as rosbag2 (MCAP) with the topics of the simulator's node, through the pure-Python `rosbags` package."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run out of a rosbag2 (MCAP or SQLite) through the pure-Python `rosbags` package: no ROS installation needed.
 
 Header stamps are the time, not the time of recording. Messages are read one by one and turned into channels a block

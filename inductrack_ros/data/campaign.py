@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A measurement campaign: a folder with `campaign.yaml` and one file per run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every key of `campaign.yaml`: what it may hold, what it means, and how it is read.
 
 python -m inductrack_ros.data.campaign_keys         prints the table of docs/campaigns.md

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run out of a CSV as loggers and spreadsheets write it, through pandas."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the table of a CSV begins, how its cells are separated, and what its columns are."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A file of a logger or a spreadsheet as UTF-8 lines that end with a newline, row for row as an editor shows them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run as CSV: `time` and columns, SI units, empty cells where nothing was measured."""
 
 from __future__ import annotations

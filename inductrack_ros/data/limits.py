@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a rig may do: ``limits:`` of ``campaign.yaml``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is whole in an MCAP file whose end is missing (https://mcap.dev/spec): a recorder that was killed, a full disk.
 
 Such a file has no index, so its records are read one after the other up to the first that is cut, also within the last

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a rig's sensors delivered, on one time axis."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples in the order of their stamps: what loggers and middleware do to that order, and what no order can mend."""
 
 from __future__ import annotations

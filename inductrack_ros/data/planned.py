@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The runs of a campaign as a plan: what ``campaign.yaml`` says of each, whether it has been measured yet or not."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A short table of numbers, not a run: the same dialects and units as a run's CSV, row by row."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Units as loggers write them in a header, and their factors to SI."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One effect added by hand: everything refitted with it, and what that gains."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From where the search ended to what a `Diagnosis` says: rivals, limits, what is unknown, and the model of each set of
 effects."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the log and the rig do besides: processes that are tried, kept where they pay, and told as findings.
 
 A process stands beside the physics and competes with it: it stays only while the deviance without it, whatever physics

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole diagnosis: fit first, search what is missing, how sure that is, what run would settle what is open."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far fitted models miss, open loop: what the report shows of every step, and the error on runs left out of the
 fit."""
 

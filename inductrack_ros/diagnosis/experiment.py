@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The run that would settle what is open: T-optimal design over a menu (Atkinson and Fedorov).
 
 For each run of the menu the truth is taken to be the chosen model; each rival is given its best chance by refitting the

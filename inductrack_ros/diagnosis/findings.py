@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What log and rig do besides, told: every process and every shaken coordinate of an answer as a `Finding` with its
 size."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well a fit knows the parameters of its model, as a covariance that ``model.yaml`` carries."""
 
 from __future__ import annotations

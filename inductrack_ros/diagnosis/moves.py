@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The moves of the search: from one fitted model to another with an effect more, less or exchanged."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects that show nothing of where or how fast they are while they vanish: sought at each of the starts that they
 declare.
 

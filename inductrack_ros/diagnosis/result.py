@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a diagnosis found, as the report shows it and `diagnosis.json` holds it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Candidates and what each promises at a fit: known effects, sets of them, and forces of any shape."""
 
 from __future__ import annotations

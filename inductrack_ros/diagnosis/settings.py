@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every threshold of the diagnosis, with its unit, its meaning and where it comes from."""
 
 #: Chance that a round of the search adds an effect to a complete model (a level; rivals are counted in each round).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How smooth a table of forces should be: as smooth as makes the data most probable, its values integrated out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The search for what is missing, on one page: screen, refit, add, until nothing more is explained; then prune and
 exchange.
 

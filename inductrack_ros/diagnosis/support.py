@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the data can and cannot support, said before and after the fit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a small cause would do along a fit's trajectories: a parameter of an effect, or a switch."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many runs of one model, each with parameters and a start of its own, on all cores or on a cluster."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Least squares over all runs: global parameters and each run's initial state, by Levenberg–Marquardt.
 
 The normal equations have an arrow's shape (each run's initial state meets only its own samples), so the initial states

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which parameters a handful of measurements fix, and how well: the identification (28) of the paper, with its errors.
 
 The paper's measurements are travel distances: the cradle is shot off at a known speed and one notes how far it got.

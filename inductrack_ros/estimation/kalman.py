@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run as a linear stochastic system: square-root filter, likelihood and smoother.
 
 The run is cut at its nodes t_0 < t_1 < …. About a trajectory x_k the deviation δ_k obeys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The likelihood of all runs as linear systems, and the disturbances and processes that make it greatest."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run as a linear system about a trajectory: residuals, defects and their derivatives by states, parameters and force
 histories."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Misfits: residuals as a function of a few parameters' values, from travel distances, from time series, or from
 both."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Noise of each channel from what a fit leaves over: neighbours differ by noise, a misfit is smooth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Predictions, residuals and their derivatives for all runs of a campaign, in batches of compiled simulations.
 
 Each run is simulated from its own initial state to its end (single shooting); the fit lengthens the horizon step by

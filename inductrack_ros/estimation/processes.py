@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a log or a rig does besides the model and white noise, as further states of the linear system of a run.
 
 Each process is linear and Gaussian with one variance (and perhaps a time) to be found by marginal likelihood: noise of

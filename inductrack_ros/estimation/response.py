@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a small force, whatever its law, would do to the measurements: variation of constants along a run.
 
 The trajectory is linearised interval by interval, δs_{k+1} = Φ_k δs_k, with Φ_k from differences of one-interval

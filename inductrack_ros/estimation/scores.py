@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What further columns would explain at a fit: whitened scores at several powers of the disturbances.
 
 A missing effect makes the plant look shaken, and a shaken plant hides it. So every question is asked at the power that

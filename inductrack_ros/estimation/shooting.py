@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Multiple shooting over a plant that may be shaken: every run is held to its data at every node (Bock and Plitt 1984).
 
 A run's trajectory is the state at each point of its grid. Between neighbours the model is integrated; where it does not

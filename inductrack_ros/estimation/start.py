@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A trajectory of each run from its data alone, to begin with."""
 
 from __future__ import annotations

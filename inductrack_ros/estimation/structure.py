@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is fitted: a model's structure (its effects) and the list of its free parameters, as vectors."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When to say that a force is missing: a sequential test with a stated rate of false alarms, however long it runs.
 
 With a complete model each window's force over its sigma is a fresh standard normal z. Against that stand alternatives,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measured poses, twists and pulses in, as they come; fitted windows and what they say of the model out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a model fails, in words, and only where the windows show it: failing ones on one side, sound ones on the
 other."""
 

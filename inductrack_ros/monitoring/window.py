@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One short window of measurements: the run of the model that fits it best, and the constant force that it lacks.
 
 Each window is fitted by itself, state at its start and force together (Gauss–Newton on weighted residuals). Nothing is

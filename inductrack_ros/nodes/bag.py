@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rosbag2 folder that can be read at every moment of its recording, even after ``kill -9``.
 
 An MCAP file is readable only once its footer is written. So messages are held for up to a second and then written as

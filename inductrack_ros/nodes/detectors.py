@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Photodiodes along the track, as a controller sees them. Without ROS; emulated from the cradle's position."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who hears whom: nodes stay on their machine unless asked, tests and the demo in a ROS domain of their own as well."""
 
 from __future__ import annotations

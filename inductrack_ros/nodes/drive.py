@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drive pulses between their command and their firing. Without ROS; times are simulated seconds."""
 
 from __future__ import annotations

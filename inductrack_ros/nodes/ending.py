@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a node's process ends: within seconds of a signal, whatever the middleware does, with the status it earned.
 
 Two things stand against that. Fast DDS has been seen to spin for ever in ``destroy_participant``. It does so inside C++

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which coil to fire, when, which way and how hard. Without ROS.
 
 Coils stand every half wavelength, wound in alternating sense: coil n at n λ/2 pushes forward hardest when the cradle's

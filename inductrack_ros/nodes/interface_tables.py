@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The nodes' topics, services and parameters as tables: ``python -m inductrack_ros.nodes.interface_tables``.
 
 Topics and services are asked of the running nodes, parameters of their declarations; docs/interfaces.md holds what is

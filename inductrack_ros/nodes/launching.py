@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `inductrack.launch.py` starts, decided from its arguments before anything runs. No import of launch: see the
 file itself.
 

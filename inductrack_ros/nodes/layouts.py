@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Layouts of PlotJuggler and Foxglove: ``python -m inductrack_ros.nodes.layouts FOLDER`` writes both from one table.
 
 The files in `layouts/` are what this writes; a test holds them to it, and every curve to a topic and field that exist.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages as plain data. `rosidl_runtime_py` does this too, but it is not among the wheels."""
 
 from __future__ import annotations

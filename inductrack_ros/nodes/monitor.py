@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`monitor`: runs the model beside what is measured and says, live, what force it lacks and where it fails."""
 
 from __future__ import annotations

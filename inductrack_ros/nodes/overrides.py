@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters given on a node's command line, made such that ROS 2 reads in them what the package's own reader does.
 
 rcl's parser stops at an empty list, at whole and real numbers in one list, at a general block before a special one

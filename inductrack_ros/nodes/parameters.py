@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS 2 parameters from their one declaration: the model's from the core, a node's own from a table like it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`play`: what `ros2 bag play` does, for machines without a ROS 2 distribution."""
 
 from __future__ import annotations

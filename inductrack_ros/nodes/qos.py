@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publishers and subscriptions whose quality of service a parameter file may override, as `qos_overrides` of ROS 2
 does."""
 

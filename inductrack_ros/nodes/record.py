@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`record`: what `ros2 bag record` does, for machines without a ROS 2 distribution."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A cradle that has come to rest: what to say, and whether its run begins anew."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How every node of this package is started and stopped."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a viewer such as RViz draws of the rig: the track near the cradle, the cradle's arrays, the gaps between."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`sim`: the cradle in real time, in its own time, or in step with a controller. Equations live in the core."""
 
 from __future__ import annotations

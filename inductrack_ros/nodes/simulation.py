@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated cradle, tick by tick. Without ROS: what the `sim` node runs and tests drive directly."""
 
 from __future__ import annotations

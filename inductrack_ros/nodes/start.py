@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Entry points of the nodes: signals are minded before the slow imports, so that an early Ctrl-C is quiet too.
 
 python -m inductrack_ros.nodes.start NAME …                 as the command NAME

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the simulator publishes: one place for topic names, message types and how each is filled (axes: `frames`)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`track_controller`: watches the photodiodes and fires the drive coils, each with the time at which to fire."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where frames stand: the cradle in the track's, each gap sensor in the cradle's."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What ``inductrack watch`` runs: a node that looks at the others, lists topics or prints one of them."""
 
 from __future__ import annotations

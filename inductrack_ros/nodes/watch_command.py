@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``inductrack watch``: its options, and what is started for them. ROS is imported when the command runs."""
 
 from __future__ import annotations

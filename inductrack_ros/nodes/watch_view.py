@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The live view: what is known of a namespace, as a screen of tables and as one line. No ROS here."""
 
 from __future__ import annotations

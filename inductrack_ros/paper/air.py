@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The aerodynamic part (14)–(16), and the claim that it is negligible, put to the test."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the model gives for each claim of the paper: one short function a claim, named as in `facts.yaml`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``inductrack paper``: Kim and Ge (2012), reproduced on one page."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The drive pulse by pulse against the averaged law (39): the mean thrust, and what it does to a run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the paper prints, read from `facts.yaml`; see there."""
 
 from __future__ import annotations

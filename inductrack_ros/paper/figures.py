@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's figures and those of the tests beside them, drawn from finished numbers; the unit of each axis is the
 paper's."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What four travel distances really determine about η and γ: the identification (28), simulated where the answer is
 known.
 

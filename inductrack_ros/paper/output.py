@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the paper's rig is described."""
 
 from __future__ import annotations

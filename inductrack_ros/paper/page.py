@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of `inductrack paper`: the paper's tables, figures and claims beside what the model gives."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything the page of the paper shows, computed when first asked for, and the answer in one sentence."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's experiments as the model runs them: one property per figure, computed once, numbers in SI."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The model made linear about steady flight: stiffness, natural frequencies, damping, and what grows.
 
 Steady flight at a speed needs a thrust that equals the drag: the drive current is trimmed so. Steady values of the coil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of `inductrack check`: can these data be meant as they are written, what is set aside, what may
 mislead."""
 

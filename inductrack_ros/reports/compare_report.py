@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of `inductrack compare`: does this model predict these measurements, and where does it not."""
 
 from __future__ import annotations

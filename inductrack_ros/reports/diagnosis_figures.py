@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of a diagnosis: the error as effects are added, an unknown force, what would have shown."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of `inductrack diagnose`: which effect is missing, how sure that is, what would settle what is open."""
 
 from __future__ import annotations

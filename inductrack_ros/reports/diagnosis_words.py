@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A diagnosis in words: its verdict in one sentence, and the names and sizes of effects and parameters."""
 
 from __future__ import annotations

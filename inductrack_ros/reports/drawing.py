@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lines, dots and marks as plotly's JSON, for figures of several reports."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Traces the reader can choose: a run, a channel, which effects are on. Every combination was predicted beforehand."""
 
 from __future__ import annotations

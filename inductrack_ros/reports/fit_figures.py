@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of an identification: profile likelihoods, and distances measured minus fitted."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of `inductrack fit`: what the measurements fix, and how well."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The part of a diagnosis's report about the laws proposed for an unknown force: curves, sizes, evidence, errors on
 runs left out."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page all reports share: a first screen that answers the question, the evidence under it, one file, offline.
 
 A figure is plain plotly JSON whose colours are names such as ``@measured``. The page fills in the colours of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps and lines of a sweep as plotly's JSON."""
 
 from __future__ import annotations

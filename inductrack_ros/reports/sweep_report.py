@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of `inductrack sweep`: where the cradle flies, what the runs come to, and the planned runs among them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers and names as reports show them: the one place where a unit is scaled (metres to millimetres)."""
 
 from __future__ import annotations

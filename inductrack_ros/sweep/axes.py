@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a sweep goes over: ``NAME=FROM:TO:COUNT`` as users write it, checked against the model."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Monte Carlo: parameters drawn from what a fit left open about them."""
 
 from __future__ import annotations

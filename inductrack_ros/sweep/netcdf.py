@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sweep as a NetCDF file, through xarray: every number with its name, unit and meaning, and what it was made of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs of a campaign on a map: where each stands, and what it would do if it were flown with the map's model."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is read off a run: each quantity declared once, all of them computed in one pass over the run's samples."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where many runs start: the equilibrium heave of each at once, as `Model.initial_state` has it for one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sweep: every point of its axes flown, with the model's own parameters and with as many draws of them as asked for.
 
 The work goes in blocks of whole points, each through `estimation.ensemble`, and what is read off a run is all that is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Draws blind measurement campaigns: a rig with something hidden, runs, sensors, noise, and the truth kept apart.
 
     python test/independent/campaigns.py --seed 3 --out /tmp/blind

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How clearly a hidden effect shows in a campaign, in units of noise.
 
 Why: a campaign is only a fair question if its effect is neither invisible nor absorbed by what every fit is free to

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The folder is imported by one name, `independent`, from wherever pytest starts."""
 
 import sys

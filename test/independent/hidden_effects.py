@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a blind campaign may hide: the catalogue of effects.md, sensors' faults, and effects outside the catalogue.
 
 Each entry tells how to draw one. `limits` bound the size (the entry's first parameter, in its unit); signal grows as

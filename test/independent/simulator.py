@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A second, independent implementation of the 4-DOF cradle, to test the package on data it did not make.
 
 Why: a diagnosis that is only tested on its own simulator cannot notice that simulator's mistakes. Nothing of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Blind campaigns are what their truth says, and the clarity given is the one a real refit finds."""
 
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The second simulator against trajectories neither it nor the package made, and against numbers of the paper's
 model.
 """

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects the averaged model leaves out: what an effect is, and where the catalogue and a user's own are found.
 
 An effect is a function. Its argument names say what it needs: quantities of `core.equations` (``surge_rate``,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Air resistance of the body."""
 
 from . import Parameter, effect

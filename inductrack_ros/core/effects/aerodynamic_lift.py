@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lift or downforce of the air."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The side arrays are not alike."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The landing wheels: they carry the cradle where the magnets do not."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Steel under the track pulls the magnets down."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bungee pulls the cradle off at the start of the track."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The centre of mass is off the middle."""
 
 import math

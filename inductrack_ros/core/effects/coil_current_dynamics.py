@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The coil current takes time to follow the field: two more states."""
 
 from . import effect

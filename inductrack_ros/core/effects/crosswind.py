@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A steady push from the side."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stretch of the track where coils are broken or missing."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The moving magnets' voltage opposes the drive."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The drive's capacitor empties pulse by pulse."""
 
 from . import Parameter, effect

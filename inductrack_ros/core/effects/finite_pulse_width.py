@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The field turns while a pulse lasts."""
 
 import math

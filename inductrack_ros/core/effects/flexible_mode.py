@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The magnets sit on an elastic frame: two more states."""
 
 import math

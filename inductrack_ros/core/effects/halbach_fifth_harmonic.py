@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A Halbach array of blocks has a fifth harmonic."""
 
 import math

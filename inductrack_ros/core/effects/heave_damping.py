@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linear damping of heave."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two pieces of the track that do not meet at one height."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The magnets are warmer in one run than in another."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The magnets lose strength as they warm."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sensor's clock is fast or slow."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sensor's zero wanders."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sensor follows what it measures slowly."""
 
 from . import Parameter, effect

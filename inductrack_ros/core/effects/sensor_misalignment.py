@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sensors of sway and heave are turned against the track."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sensor's scale is wrong."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Current crowds to the conductor's skin at high frequency."""
 
 import math

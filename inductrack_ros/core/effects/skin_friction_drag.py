@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Friction of a turbulent boundary layer on the body, the paper's aerodynamic part."""
 
 import math

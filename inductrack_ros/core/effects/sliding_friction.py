@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coulomb friction where an array touches the track."""
 
 from . import Parameter, effect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stand-ins: a smooth force, or a smooth change of the thrust, where the physics is not known yet.
 
 A diagnosis that finds a misfit no effect explains puts one of these in the model, so that prediction improves while

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The track's resistance is not what the drawing says."""
 
 from . import Parameter, effect

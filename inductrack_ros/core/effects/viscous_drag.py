@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drag proportional to speed."""
 
 from . import Parameter, effect

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the table of an unknown force to laws that one can add."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Proposed laws as the text of a Python module with an `@effect` function each: what a refit runs and what a user
 edits."""
 

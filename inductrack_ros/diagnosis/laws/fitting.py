@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closed forms fitted to the table of an unknown force, with what the data say of the table as weight.
 
 A fitted table is as smooth as its prior makes it. Here the prior is taken out again: what is left is the data's own

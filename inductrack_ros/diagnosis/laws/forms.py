@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closed forms that mechanics and magnetics use for a force in one variable, as data: what a table of an unknown force
 is compared with.
 

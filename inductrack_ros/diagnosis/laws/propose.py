@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the table of an unknown force to laws: all forms against the table, the best refitted in full in its place,
 ranked by evidence."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What became of an unknown force: the laws that describe it as well as the table, or that none does."""
 
 from __future__ import annotations

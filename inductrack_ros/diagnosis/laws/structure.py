@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A law in the place of a table, to be refitted in full: the table's values follow from the law's parameters, which are
 free.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Proposed laws in words: formula with the variable's letter, sizes with their standard deviations, and what on a rig
 would do it."""
 

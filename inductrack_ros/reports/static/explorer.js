@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Traces, residuals and error bars of the chosen run, channel and effects. Predictions were computed beforehand.
 "use strict";
 (() => {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What every report's plots share: theme, keyboard, print. Other scripts draw with page.draw(element, figure).
 "use strict";
 const page = (() => {
