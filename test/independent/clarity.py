@@ -47,6 +47,8 @@ def faults_of(hidden):
 class Experiment:
     """Runs {"times", "start", "drive_current"}, the channels logged and their noise; predicts in units of noise."""
 
+    cannot_judge = ()  # effects of which it cannot say how clearly they show
+
     def __init__(self, runs, channels, noise, eta, gamma, past_contact=False):
         self.runs, self.channels, self.eta, self.gamma = runs, list(channels), eta, gamma
         self.noise = np.array([noise[name] for name in channels])
@@ -143,7 +145,7 @@ def refit(experiment, measured, lacking, iterations=6):
         _, change, moves = regress(residual, local, shared)
         for shrink in (1.0, 0.3, 0.1, 0.03):
             trial = (
-                [s + shrink * m for s, m in zip(starts, moves, strict=True)],
+                [s + shrink * m[: len(s)] for s, m in zip(starts, moves, strict=True)],
                 eta + shrink * change[0],
                 gamma + shrink * change[1],
             )

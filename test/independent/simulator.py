@@ -354,9 +354,11 @@ def step(t, s, h, drive_current, p, k1, k2, k3, k4, trial):
 
 
 @njit(cache=True)
-def integrate(times, s0, drive_current, rigs, far_step, near_step, stop_at_contact, states):
+def integrate(times, s0, drive_current, rigs, far_step, near_step, stop_at_contact, kick_times, kicks, states):
     """Fill states (n, STATES) at `times` (ascending; those before 0 are integrated backwards). Returns the time of
     first contact (inf if none).
+
+    The state jumps by kicks[j] (m, 8) at kick_times[j] (m,), which ascend; those before 0 are passed over.
 
     `far_step` is used while every gap is above 0.3 mm, `near_step` otherwise, so the kink of the contact force is met
     with short steps. With stop_at_contact the rows after the first contact are NaN.
@@ -381,6 +383,9 @@ def integrate(times, s0, drive_current, rigs, far_step, near_step, stop_at_conta
 
     s = s0.copy()
     t = 0.0
+    kick = 0
+    while kick < len(kick_times) and kick_times[kick] <= 0:
+        kick += 1
     for row in range(first, n):
         begin = t
         done = 0.0
@@ -393,9 +398,14 @@ def integrate(times, s0, drive_current, rigs, far_step, near_step, stop_at_conta
                     return contact
             h = far_step if smallest > 3e-4 else near_step
             h = min(h, times[row] - t)
+            if kick < len(kick_times):
+                h = min(h, kick_times[kick] - t)
             step(t, s, h, drive_current, p, k1, k2, k3, k4, trial)
             done += h
             t = begin + done
+            while kick < len(kick_times) and kick_times[kick] <= t + 1e-12:
+                s[:8] += kicks[kick]
+                kick += 1
         t = times[row]
         states[row] = s
     return contact
@@ -441,8 +451,13 @@ def equilibrium_heave(v, rigs):
     return 0.5 * (low + high)
 
 
-def simulate(times, start, drive_current, rigs, far_step=1e-4, near_step=1e-5, stop_at_contact=False):
-    """Run the rig. times (n,) s; start (8,) SI; returns states (n, STATES) and the time of first contact."""
+NO_KICKS = np.zeros(0), np.zeros((0, 8))
+
+
+def simulate(times, start, drive_current, rigs, far_step=1e-4, near_step=1e-5, stop_at_contact=False, kicks=NO_KICKS):
+    """Run the rig. times (n,) s; start (8,) SI; kicks: times (m,) s and jumps of the state (m, 8). Returns states (n,
+    STATES) and the time of first contact.
+    """
     times = np.ascontiguousarray(times, dtype=float)
     s0 = np.zeros(STATES)
     s0[:8] = start
@@ -453,7 +468,7 @@ def simulate(times, start, drive_current, rigs, far_step=1e-4, near_step=1e-5, s
     if p["flexible_mode__frequency"] < math.inf:
         far_step = min(far_step, 0.05 / p["flexible_mode__frequency"])
     states = np.empty((len(times), STATES))
-    contact = integrate(times, s0, float(drive_current), rigs, far_step, near_step, stop_at_contact, states)
+    contact = integrate(times, s0, float(drive_current), rigs, far_step, near_step, stop_at_contact, *kicks, states)
     return states, contact
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from independent import campaigns, clarity, hidden_effects
+from independent import campaigns, clarity, hidden_effects, hiding, plans
 from independent import simulator as sim
 
 
@@ -64,10 +64,10 @@ def test_verdict_of_each_kind(kind):
 def test_clarity_is_what_a_refit_finds(name):
     """The linear signal_after_nuisance against a Gauss-Newton refit of the effect-free model."""
     rng = np.random.default_rng(1)
-    plan = {**campaigns.draw_plan(rng, "mixed"), "channels": campaigns.POSE, "noise": campaigns.NOISE, "length": 0.8}
-    runs = campaigns.draw_runs(rng, plan, sim.rig(), 6)
+    plan = {**plans.draw_plan(rng, "mixed"), "channels": plans.POSE, "noise": plans.NOISE, "length": 0.8}
+    runs = plans.draw_runs(rng, plan, sim.rig(), 6)
     experiment = clarity.Experiment(runs, plan["channels"], plan["noise"], 0.7295, 3.9298)
-    effect = campaigns.draw_effect(rng, name, experiment, lambda past: experiment.nuisance([]), 25.0)
+    effect = hiding.draw_effect(rng, name, experiment, lambda past: experiment.nuisance([]), 25.0)
     linear = clarity.signals(experiment, [effect])[0]["signal_after_nuisance"]
     assert linear == pytest.approx(25, rel=0.2)  # sized at zero strength, measured at the truth
     assert clarity.refit(experiment, experiment.predict([effect]), []) == pytest.approx(linear, rel=0.1)
