@@ -25,12 +25,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))  # also where this is imported
-
-import peers  # noqa: F401
 from blind import ask, table
-from blind.ask import Asked, run  # noqa: F401
-from blind.judge import judge  # noqa: F401
+from blind.ask import Asked
 from independent import dirt
 
 from inductrack_ros.workers import workers

@@ -10,7 +10,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from blind_diagnosis import campaigns, judge, peers
+import peers
+from blind.judge import judge
+from independent import campaigns
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign

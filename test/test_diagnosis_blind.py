@@ -15,7 +15,7 @@ from inductrack_ros.diagnosis.moves import State, Task, taken_exactly
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from blind_diagnosis import run
+from blind.ask import run
 
 #: Small campaigns that were right when this was written: they guard against losing ground; the benchmark measures.
 SEEDS = (

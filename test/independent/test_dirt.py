@@ -94,10 +94,10 @@ def test_the_best_observer_is_left_with_white_noise(names):
     plan, eta, gamma = truth["plan"], truth["parameters"]["eta"], truth["parameters"]["gamma"]
     tables = [
         np.genfromtxt(io.StringIO(contents[r["file"]]), delimiter=",", skip_header=1)
-        for r in yaml.safe_load(contents["campaign.yaml"])["runs"][:2]
+        for r in yaml.safe_load(contents["campaign.yaml"])["runs"][:3]
     ]
     starts = [np.array([s[c] for c in sim.STATE_CHANNELS]) for s in truth["initial_states"]]
-    runs = [{"times": t[:, 0], "start": s, "drive_current": 0.0} for t, s in zip(tables, starts[:2], strict=True)]
+    runs = [{"times": t[:, 0], "start": s, "drive_current": 0.0} for t, s in zip(tables, starts[:3], strict=True)]
     plain = clarity.Experiment(runs, plan["channels"], plan["noise"], eta, gamma)
     best = whitened.Experiment(plain, truth["dirt"])
     left = []
