@@ -125,8 +125,8 @@ class Effect:
 
     @property
     def summary(self) -> str:
-        """First line of the function's docstring."""
-        return (inspect.getdoc(self.function) or self.name).splitlines()[0]
+        """First paragraph of the function's docstring, in one line."""
+        return " ".join((inspect.getdoc(self.function) or self.name).split("\n\n")[0].split())
 
     @property
     def arguments(self) -> tuple[str, ...]:
