@@ -120,6 +120,7 @@ def settle(
     A fixed-point iteration of all variances in their logarithm (MacKay 1992), its steps lengthened as the last two tell
     (secant). With ``follow`` it ends where a variance is so far from its place that the trajectories have to follow
     first."""
+    moving = problem.model.moving > 0.0
     power, processes, before, last = np.maximum(point.power, NO_POWER), point.processes, None, np.inf
     n_states = plain[0].transitions.shape[1]
     for left in reversed(range(passes)):
@@ -129,7 +130,7 @@ def settle(
         here = np.concatenate([power, variances(processes)])
         ratio = variance_ratio(problem, processes, smooth, n_states)
         there = likelier(here, ratio, before)
-        new = np.clip(there[:4], NO_POWER, ROUGHEST), resized(processes, there[4:])
+        new = np.where(moving, np.clip(there[:4], NO_POWER, ROUGHEST), NO_POWER), resized(processes, there[4:])
         if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
             break
         power, processes, before, last = *new, (here, ratio), evidence.deviance
