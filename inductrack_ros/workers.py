@@ -66,9 +66,8 @@ class Cluster:
 
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Sending large graph")  # a campaign is ten megabytes
-            sent = self.client.submit(
-                _same, _pack(task), pure=False
-            )  # a result, not data: made again if its worker dies
+            # A result, not data: made again if its worker dies.
+            sent = self.client.submit(_same, _pack(task), pure=False)
             futures = self.client.map(_work, [_pack(i) for i in items], task=sent, here=_versions(), pure=False)
         try:
             for future in futures:

@@ -24,9 +24,8 @@ from inductrack_ros.nodes.domain import claim_domain
 _domain = claim_domain()  # before any import of rclpy reads the environment; held until the tests end
 os.environ["ROS_LOG_DIR"] = tempfile.mkdtemp(prefix="inductrack_ros_log_")
 os.environ["PYTHONUNBUFFERED"] = "1"
-threadpool_limits(
-    1, "blas"
-)  # as the diagnosis itself does: where another worker has the second core its threads only spin
+# As the diagnosis itself does: where another worker has the second core its threads only spin.
+threadpool_limits(1, "blas")
 # A shell that starts the tests in the background has them ignore Ctrl-C, and what they start would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -122,9 +122,8 @@ def test_a_condition_reaches_the_effect_that_asks_for_it(tmp_path):
     assert [problem.vectors(structure, i, structure.start[None])[0, column] for i in (0, 1)] == [40.0, 20.0]
     unused = "condition 'humidity' is not used: neither the model nor an effect asks for it"
     assert campaign.against(model).remarks == (unused, "cold: no condition 'track_temperature'; 20 is taken")
-    assert (
-        campaign.against(Model.default()).remarks[1] == "cold: no condition 'track_temperature'; 20 is taken"
-    )  # an effect that may be found missing asks for it
+    # An effect that may be found missing asks for it.
+    assert campaign.against(Model.default()).remarks[1] == "cold: no condition 'track_temperature'; 20 is taken"
     told = model.with_changes(conditions={"track_temperature": 35.0})
     assert campaign.against(told).remarks[1] == "cold: no condition 'track_temperature'; 35 is taken"
     problem = Problem(campaign, told, {"surge": 3e-5, "heave": 3e-5})

@@ -434,9 +434,8 @@ def test_wheels_give_back_what_their_spring_holds_and_no_more():
         return model.simulate(times, model.initial_state(heave=-0.005))["heave"]
 
     free = drop(0.0)
-    assert free.max() == pytest.approx(
-        -0.005, abs=5e-6
-    )  # 40 bounces, a tenth of a micrometre each where the wheels begin within a step
+    # 40 bounces, a tenth of a micrometre each where the wheels begin within a step.
+    assert free.max() == pytest.approx(-0.005, abs=5e-6)
     assert free[1500:].max() > -0.005 - 1e-5
     damped = drop(400.0)
     assert damped.max() == -0.005

@@ -70,9 +70,8 @@ def test_formula():
     assert dx[6] == pytest.approx(MU * s, rel=1e-12)
     assert dx[i] == rate
     assert dx[j] == pytest.approx(total[2] / (MU * M) - s, rel=1e-12)
-    assert dx[[4, 5, 7]] * [M, M, 0.091] == pytest.approx(
-        total[[0, 1, 3]], rel=1e-12
-    )  # the other coordinates as without it
+    # The other coordinates as without it.
+    assert dx[[4, 5, 7]] * [M, M, 0.091] == pytest.approx(total[[0, 1, 3]], rel=1e-12)
 
 
 def test_starts_at_rest_and_balance_is_where_it_was():
@@ -152,6 +151,5 @@ def test_it_is_driven_by_pulses_too():
         np.abs(normal.states[:, 1:4] - fine.states[:, 1:4]).max() < 1e-8
         and np.abs(normal["surge"] - fine["surge"]).max() < 1e-6
     )
-    assert (
-        np.abs(normal["gap_top"] - averaged.simulate(times, start, 7000.0)["gap_top"]).max() < 5e-5
-    )  # fired for a speed that is held
+    # Fired for a speed that is held.
+    assert np.abs(normal["gap_top"] - averaged.simulate(times, start, 7000.0)["gap_top"]).max() < 5e-5

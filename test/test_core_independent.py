@@ -44,9 +44,8 @@ def test_a_run_with_a_plant_effect(name):
     assert np.isinf(contact)
     assert np.abs(theirs - plain)[:, :4].max() > 1e-5  # it does something
     ours = np.stack([run[n] for n in names], axis=1)
-    surge = (
-        3e-6 if name in ("bungee_launcher", "dead_coils") else 5e-7
-    )  # what begins or ends within a step costs a micrometre of travel
+    # What begins or ends within a step costs a micrometre of travel.
+    surge = 3e-6 if name in ("bungee_launcher", "dead_coils") else 5e-7
     off = np.abs(ours - theirs) / [surge, *[5e-7] * 3, *[1e-5] * 4, *[5e-7] * 3, *[3e-3] * 3]
     assert off.max() < 1, names[int(off.max(axis=0).argmax())]
 

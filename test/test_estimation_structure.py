@@ -16,9 +16,7 @@ def test_a_wave_is_named_by_a_positive_amplitude():
     assert values["guideway_waviness.amplitude"] == pytest.approx(2e-4)
     assert values["guideway_waviness.phase"] == pytest.approx(4.0 - np.pi)
     times = np.linspace(0, 0.3, 50)
-    named, meant = (
-        structure.with_theta(theta),
-        model.with_changes(effects={"guideway_waviness": {"amplitude": -2e-4, "wavelength": 0.7, "phase": 4.0}}),
-    )
+    named = structure.with_theta(theta)
+    meant = model.with_changes(effects={"guideway_waviness": {"amplitude": -2e-4, "wavelength": 0.7, "phase": 4.0}})
     start = model.initial_state(surge_rate=17.0)
     assert named.simulate(times, start)["heave"] == pytest.approx(meant.simulate(times, start)["heave"], abs=1e-12)

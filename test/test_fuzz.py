@@ -298,10 +298,8 @@ ENCODINGS = st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-3
 @st.composite
 def dialects(draw) -> bytes:
     """A table as a logger may write it: mostly a good one, with a few cells, rows and lines that are odd."""
-    separator, end = (
-        draw(st.sampled_from([",", ";", "\t", "|", " ", ", "])),
-        draw(st.sampled_from(["\n", "\r\n", "\r"])),
-    )
+    separator = draw(st.sampled_from([",", ";", "\t", "|", " ", ", "]))
+    end = draw(st.sampled_from(["\n", "\r\n", "\r"]))
     header = draw(st.lists(st.sampled_from(NAMES), min_size=1, max_size=5))
     step = draw(st.sampled_from([0.004, 1e-3, 4.0, 4e6, 0.0, -1.0, 1e300]))
     rows = [[repr(i * step)] + [repr(0.1 * i)] * (len(header) - 1) for i in range(draw(st.integers(0, 30)))]

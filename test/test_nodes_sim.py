@@ -100,9 +100,8 @@ def test_what_is_published_is_the_model_in_ros_axes(ros):
     assert drag[moment] < 0 < [m.wrench.force.z for m in heard["wrench/lift"] if seconds(m) == moment][0]
     assert heard["gap_top"][0].header.frame_id == "gap_top" and 0.003 < heard["gap_top"][0].range < 0.012
     times = sorted({round(c.clock.sec + 1e-9 * c.clock.nanosec, 6) for c in clock})
-    assert len(times) > 50 and np.diff(times).max() == pytest.approx(
-        0.01
-    )  # a hundredth of a second, whatever the rate of ticks
+    # A hundredth of a second, whatever the rate of ticks.
+    assert len(times) > 50 and np.diff(times).max() == pytest.approx(0.01)
 
     # What is known of the noise stands in the messages; the truth has none, and 0 would mean that it is not known.
     imu, gap, odometry = heard["measured/imu"][-1], heard["measured/gap_top"][-1], heard["odometry"][-1]
@@ -161,9 +160,8 @@ def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
     ros.wait(lambda: viscous[-1].wrench.force.x < -1.9 * twist[-1].twist.linear.x, "the new coefficient to count")
     warm = ros.listen(WrenchStamped, "/inductrack/wrench/track_temperature")
     assert ros.set_parameter("/inductrack/sim", "conditions.track_temperature", 60.0).successful
-    ros.wait(
-        lambda: warm and warm[-1].wrench.force.x < -1.0, "the temperature to count"
-    )  # what is resistive brakes more
+    # What is resistive brakes more.
+    ros.wait(lambda: warm and warm[-1].wrench.force.x < -1.0, "the temperature to count")
     live = {"eta": 0.75, "drive_current": 6000.0, "speed_factor": 0.5, "stand_in_heave.values": [0.5, 0.0]}
     for name, value in (live | {"measured.heave.noise": 0.0}).items():
         assert ros.set_parameter("/inductrack/sim", name, value).successful
@@ -192,9 +190,8 @@ def test_pause_step_reset_and_speed_factor(ros):
     assert all(step.success for step in steps)
     ros.wait(lambda: seconds(poses[-1]) >= time_of(steps[-1]) - 1e-6, "the pose after the last step")
     ticks = [round(500 * time_of(step)) for step in steps]
-    assert (
-        ticks == [ticks[0], ticks[0] + 1, ticks[0] + 2] == [round(500 * seconds(p)) for p in poses[-3:]]
-    )  # time stood between
+    # Time stood between.
+    assert ticks == [ticks[0], ticks[0] + 1, ticks[0] + 2] == [round(500 * seconds(p)) for p in poses[-3:]]
 
     assert ros.call(Trigger, "/inductrack/sim/reset").success
     ros.wait(lambda: seconds(poses[-1]) == 0.0, "the initial state again")

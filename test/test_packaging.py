@@ -114,12 +114,8 @@ def test_package_xml_agrees_with_setup_py():
     assert ros <= keys and {"launch", "launch_ros"} <= keys
     for name in ast.literal_eval(arguments["install_requires"]):
         name = re.split(r"[<>=]", name)[0]
-        if name not in (
-            "setuptools",
-            "plotly",
-            "threadpoolctl",
-            "xarray",
-        ):  # no rosdep key; package.xml says what to do
+        # No rosdep key; package.xml says what to do.
+        if name not in ("setuptools", "plotly", "threadpoolctl", "xarray"):
             assert {"PyYAML": "python3-yaml", "rosbags": "python3-rosbags-pip"}.get(name, f"python3-{name}") in keys
 
 

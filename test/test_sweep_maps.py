@@ -117,10 +117,8 @@ def test_the_hover_gap_is_that_of_the_papers_equations():
             / (1 + x**2)
         )
         heave = gap - p["nominal_gap"]
-        top, side = (
-            p["width_top"] * np.exp(-k * gap),
-            p["width_side"] * np.exp(-k * (p["nominal_gap"] - np.sqrt(0.5) * heave)),
-        )
+        top = p["width_top"] * np.exp(-k * gap)
+        side = p["width_side"] * np.exp(-k * (p["nominal_gap"] - np.sqrt(0.5) * heave))
         lift = per_overlap * (top + 2 * side) * (top - 2 * np.sqrt(0.5) * side)
         assert lift == pytest.approx(p["mass"] * p["gravity"], rel=1e-9)
 

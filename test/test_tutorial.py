@@ -56,9 +56,8 @@ class Shell:
         end = f"block {self._blocks} ended with"
         self._bash.stdin.write(f"{block}\necho {end} $?\n")
         self._bash.stdin.flush()
-        wait_until(
-            lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}", patience=600.0
-        )  # a whole diagnosis
+        # A whole diagnosis.
+        wait_until(lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}", patience=600.0)
         status = re.search(f"{end} (\\d+)\n", self.said)[1]
         assert status == "0" or block.startswith("kill"), self.said[begin:]
         return begin
@@ -82,9 +81,8 @@ def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
         shell.close()
     assert "Traceback" not in shell.said and "command not found" not in shell.said, shell.said
     bags = list((tmp_path / "tutorial/rig").glob("driven_*"))
-    assert (
-        len(bags) == 3 and min(read_bag(bag).times[-1] for bag in bags) > 1.59
-    )  # simulated, however busy the machine is
+    # Simulated, however busy the machine is.
+    assert len(bags) == 3 and min(read_bag(bag).times[-1] for bag in bags) > 1.59
     found = json.loads((tmp_path / "tutorial/report/diagnose/diagnosis.json").read_text())
     angle = found["parameters"]["track_slope.angle"]
     hidden = float(re.search(r"angle: ([\d.]+)", TEXT)[1])

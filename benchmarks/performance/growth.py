@@ -54,9 +54,8 @@ def measure(quick: bool, bag_seconds: float | None = None) -> dict:
             for n in sizes
         ],
     )
-    times = [
-        np.linspace(0.0, 3.0, n) for n in (1501, 3001, 6001, 12001, 24001)
-    ]  # each row a step: fewer are not cheaper
+    # Each row a step: fewer are not cheaper.
+    times = [np.linspace(0.0, 3.0, n) for n in (1501, 3001, 6001, 12001, 24001)]
     found["samples of a run"] = (
         [t.size for t in times],
         [_seconds(lambda t=t: model.simulate(t, states[0]), 3 * repeats) for t in times],

@@ -41,9 +41,8 @@ def library(*options: str) -> ctypes.CDLL:
     }
     target = BUILD / f"limit{'_'.join(o.strip('-').replace('=', '_') for o in ('', *options))}.so"
     defines = [f"-D{name}={value!r}" for name, value in sizes.items()]
-    with tempfile.TemporaryDirectory(
-        dir=BUILD
-    ) as own:  # another thread may be making it too, another process loading it
+    # Another thread may be making it too, another process loading it.
+    with tempfile.TemporaryDirectory(dir=BUILD) as own:
         part = Path(own) / target.name
         subprocess.run(
             [compiler(), "-O3", *options, *defines, "-shared", "-fPIC", "-o", part, SOURCE, "-lmvec", "-lm"], check=True

@@ -42,10 +42,9 @@ def peer(problem: Problem, structure: Structure, theta: np.ndarray, states: list
     scale = np.concatenate([np.ones(len(theta)), *(SCALE[f] for f in free)])
 
     def unpack(u: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        v, xs = (
-            start + (u - 1.0) * scale,
-            [x.copy() for x in states],
-        )  # every unknown is about 1, as its differences want
+        # Every unknown is about 1, as its differences want.
+        v = start + (u - 1.0) * scale
+        xs = [x.copy() for x in states]
         for x, f, a, b in zip(xs, free, edges[:-1], edges[1:], strict=True):
             x[f] = v[a:b]
         return v[: len(theta)], xs
@@ -103,17 +102,15 @@ def measure(quick: bool) -> dict:
     screening = screen(problem, base, linearise_all(problem, base))
     candidates = {s.members[0].name: s for s in screening.sets if len(s.members) == 1}
     refits = []
-    for name in [n for n, s in candidates.items() if not s.members[0].start][
-        :2
-    ]:  # the most promising: each takes the peer half a minute
+    # The most promising: each takes the peer half a minute.
+    for name in [n for n, s in candidates.items() if not s.members[0].start][:2]:
         grown = structure.plus(name)
         theta = np.concatenate([base.theta, grown.start[len(base.theta) :]])
         t, (chi2, calls) = seconds(lambda g=grown, th=theta: peer(alone, g, th, list(base.states)))
         ours = settled(Task(problem), refitted(Task(problem), state, candidates[name], screening.family)).fit
         refits.append({"effect": name, "seconds": t, "chi2": chi2, "calls": calls, "our_chi2": ours.chi2})
-    rounds = 1 + len(
-        found.effects
-    )  # every candidate once for each effect that is found, and once more to see that none is left
+    # Every candidate once for each effect that is found, and once more to see that none is left.
+    rounds = 1 + len(found.effects)
     reckoned = rounds * len(candidates) * float(np.mean([r["seconds"] for r in refits]))
     result["diagnosis"] = {
         "ours": whole,

@@ -96,11 +96,8 @@ def step_of(readings: Array) -> float:
     step = float(np.quantile(small, EXCEPTIONS))
     step = float(np.median(small[small < 1.5 * step]))
     away = readings - different[len(different) // 2]
-    for reach in (
-        30.0,
-        1e3,
-        3e4,
-    ):  # a step from near readings counts those a little further off, and is sharpened by them
+    # A step from near readings counts those a little further off, and is sharpened by them.
+    for reach in (30.0, 1e3, 3e4):
         near = away[np.abs(away) < reach * step]
         steps = np.rint(near / step)
         step = float(steps @ near / (steps @ steps)) if steps.any() else step

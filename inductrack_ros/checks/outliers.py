@@ -51,9 +51,8 @@ def outliers(campaign: Campaign, channels: Mapping[str, Channel], touch: Touch |
         for run in campaign.runs:
             if channel in run.channels:
                 found, off = _off(run, channel, about, threshold)
-                if (
-                    touch is not None and channel in ACCELERATIONS and len(found)
-                ):  # a blow is a step of what an accelerometer reads
+                # A blow is a step of what an accelerometer reads.
+                if touch is not None and channel in ACCELERATIONS and len(found):
                     kept = ~near[run.name][found] | (off > touch.reach(channel, np.gradient(run.times)[found]))
                     found, off = found[kept], off[kept]
                 rows[run.name] = found

@@ -109,9 +109,8 @@ def _colour(cycles: Array, power: Array, count: int) -> tuple[float, float]:
     than white noise (log)."""
     trials = np.linspace(0.0, 0.97, 98)
     ratio = power / np.stack([_shape(r, cycles) for r in trials])
-    misfit = len(power) * np.log(ratio.mean(axis=1)) + np.log(power / ratio).sum(
-        axis=1
-    )  # Whittle, the size profiled out
+    # Whittle, the size profiled out.
+    misfit = len(power) * np.log(ratio.mean(axis=1)) + np.log(power / ratio).sum(axis=1)
     best = int(np.argmin(misfit))
     # stretches overlap and a median keeps two thirds of the mean's information: about a third of the count
     return float(trials[best]), float(count / 3.0 * (misfit[0] - misfit[best]))

@@ -236,7 +236,6 @@ def _reason(error: Exception) -> str:
     told = [line for line in lines if not line.startswith(noise)]
     place = re.search(r'File "[^"]*", line (\d+)', text)
     told = told or lines or [type(error).__name__]
-    reason = " ".join(told[:2] if told[0].endswith("signature:") else told[:1]).rstrip(".:")[
-        :200
-    ]  # what it was called with
+    # What it was called with.
+    reason = " ".join(told[:2] if told[0].endswith("signature:") else told[:1]).rstrip(".:")[:200]
     return reason + (f" (line {place[1]})" if place else "")

@@ -25,13 +25,11 @@ import numpy as np
 
 MAX_CONTACT_SWITCHES = 100_000  # a run that rattles more often than this is not one we can integrate
 BOUNDS = 1e9  # m, and rad; what has gone further left all bounds
-PER_TOLERANCE = np.array(
-    [1e8, 1e8, 1e8, 1e7, 1e5, 1e5, 1e5, 1e4]
-)  # over the error of the third-order result in one step
-CARRIED_TOLERANCE, CARRIED_LEAST = (
-    1e-5,
-    1e-12,
-)  # the same of an effect's state: to the largest it has been, and at the least in its unit
+# Over the error of the third-order result in one step.
+PER_TOLERANCE = np.array([1e8, 1e8, 1e8, 1e7, 1e5, 1e5, 1e5, 1e4])
+# The same of an effect's state: to the largest it has been, and at the least in its unit.
+CARRIED_TOLERANCE = 1e-5
+CARRIED_LEAST = 1e-12
 GROW, SHRINK = 0.03, 1.0  # errors over tolerance at which steps grow back to normal, and below normal shrink
 CONTACT_GROW, CONTACT_SHRINK = 0.002, 0.05  # the same where they are longer than normal, stricter: a step that comes
 CONTACT_GROWTH = 8.0  # and goes would show in differences of runs. Times a normal contact step, the longest one

@@ -185,9 +185,8 @@ def _derivative(effects: list[Effect], column: dict[str, int], started_on: Seque
         due = [c for c in waiting if not later & set(c.part.changes) and known >= set(c.part.changes)]
         waiting = [c for c in waiting if c not in due]
         lines += groups.ask([(c.index, c.lines(known, column)) for c in due])
-    late = sorted(
-        (c for c in calls if c.late), key=lambda c: (bool(c.part.changes), c.number)
-    )  # all is added before the sum is changed
+    # All is added before the sum is changed.
+    late = sorted((c for c in calls if c.late), key=lambda c: (bool(c.part.changes), c.number))
     added = [
         (c.index, [f"if on[{c.index}]:", *(f"    {line}" for line in c.additions())])
         for c in calls

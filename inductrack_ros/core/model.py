@@ -482,9 +482,8 @@ class Model:
             if isinstance(pulses, Pulses)
             else pulses or (_NONE, _NONE, _NONE)
         )
-        averaged = self.drive == "averaged" and (
-            pulses is None or isinstance(pulses, Pulses)
-        )  # a measured run's are its own
+        # A measured run's are its own.
+        averaged = self.drive == "averaged" and (pulses is None or isinstance(pulses, Pulses))
         self.kernel.evaluate(
             float(time), np.ascontiguousarray(x), P, on, self.moving, float(origin), averaged, *arrays, dx, q
         )

@@ -300,9 +300,8 @@ def _messages(file: _File, names: Collection[str]) -> Iterator[tuple[str, int, b
         connections = [c for c in reader.connections if c.topic in names and c.msgcount]
         if not connections:
             return
-        for connection, time, data in reader.messages(
-            connections
-        ):  # a message begins with 0, a compressed one does not
+        # A message begins with 0, a compressed one does not.
+        for connection, time, data in reader.messages(connections):
             yield connection.topic, time, zstd.decompress(data) if data[:4] == ZSTD else data
 
 

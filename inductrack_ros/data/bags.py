@@ -99,9 +99,8 @@ def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity:
         raise InputError(f"{path}: only one sample; a run needs at least 2")
     held = {channel for stream in given.values() for channel in stream.names}
     channels = tuple(c for c in CHANNELS if c in held)
-    values = np.empty(
-        (len(channels), len(stamps))
-    ).T  # column by column: each takes its memory as that of its source goes
+    # Column by column: each takes its memory as that of its source goes.
+    values = np.empty((len(channels), len(stamps))).T
     for stream in given.values():
         rows = slice(None) if np.array_equal(stamps, stream.stamps) else np.searchsorted(stamps, stream.stamps)
         for channel in reversed(stream.names):

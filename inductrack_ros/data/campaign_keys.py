@@ -155,9 +155,8 @@ def read_name(mapping: Section, folder: Path) -> str:
     if isinstance(value, (Lines, list)):
         raise mapping.error("name", f"name must be text, not {shown(value)}")
     name = folder.resolve().name if value is None else str(value)
-    return name.encode("utf-8", "surrogateescape").decode(
-        "utf-8", "replace"
-    )  # a folder may have any bytes for its name
+    # A folder may have any bytes for its name.
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def read_topics(mapping: Section) -> dict[str, str | None]:

@@ -62,9 +62,10 @@ def propose(
     limits = problem.limits
     speeds, currents = menu(limits, "surge_rate", SPEEDS), menu(limits, "drive_current", CURRENTS)
     durations = (*SHORT, *DURATIONS) if limits.ranges else DURATIONS
+    # The gentlest first.
     for contact, duration, current, offsets in product(
         (False, True) if limits.contact else (False,), durations, currents, OFFSETS
-    ):  # the gentlest first
+    ):
         found = at_once(tried, [(speed, current, offsets, duration, contact) for speed in speeds])
         for proposal in [p for p in found if p is not None]:
             if (apart := min(proposal.sigmas.values())) > most:
@@ -110,9 +111,8 @@ def _made(
     if not all(problem.limits.allow(s, made[s]) for s in STATES):
         return None
     single = problem.subset([0])
-    given = {
-        s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)
-    }  # as in the runs so far
+    # As in the runs so far.
+    given = {s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)}
     run = Run("proposal", Path("proposal"), problem.channels, times, values, times, current, initial_state=given)
     single.runs = (lay_out(run, model, problem.channels, problem.dof),)
     exact = start[:8].copy()
@@ -130,9 +130,8 @@ def _separation(single: Problem, start: np.ndarray, rival: Fit, undetermined: Se
         return float(np.sqrt(max(g.chi2 + prior.surprise(g.theta), 0.0)))
 
     near = left(deterministic.fit(single, prior, [start], theta, iterations=10, tolerance=0.1))
-    return (
-        near if near < ENOUGH else min(near, left(deterministic.fit_from_scratch(single, prior, theta)))
-    )  # it may only have been stuck
+    # It may only have been stuck.
+    return near if near < ENOUGH else min(near, left(deterministic.fit_from_scratch(single, prior, theta)))
 
 
 def _read(problem: Problem, model, start: np.ndarray) -> np.ndarray:

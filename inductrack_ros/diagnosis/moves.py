@@ -241,10 +241,8 @@ def smoothed_anew(task: Task, state: State) -> State:
     for name in state.fit.structure.tables:
         f = state.fit
         table = table_of(task.problem, f, linearise_all(task.problem, f), name)
-        structure, mine = (
-            replace(f.structure, smoothness={**f.structure.smoothness, name: table.weight}),
-            f.structure.tables[name],
-        )
+        structure = replace(f.structure, smoothness={**f.structure.smoothness, name: table.weight})
+        mine = f.structure.tables[name]
         theta = f.theta.copy()
         theta[mine] = table.values / structure.scale[mine]
         new = fit(task.problem, structure, replace(f.point, theta=theta), REFIT_STEPS)

@@ -239,11 +239,12 @@ def _moved(
 
 def within_bounds(part: Linearisation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of one run that are within all bounds: residual, derivatives by theta and by the free states."""
+    # Not where NaN.
     rows = (
         (np.abs(part.residual) < LOST)
         & (np.abs(part.by_theta) < LOST).all(axis=1)
         & (np.abs(part.by_state) < LOST).all(axis=1)
-    )  # not where NaN
+    )
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
 
 

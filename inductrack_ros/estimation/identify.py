@@ -174,9 +174,8 @@ class Identification:
             counts["Nelder–Mead"] = self.evaluations
             noise_floor = 1.0 if self.misfit.noise_known else 0.0
             other, r, j = self._least_squares(simplex)
-            if r @ r < residuals @ residuals - 1e-4 * (
-                r @ r + noise_floor
-            ):  # the simplex looked farther: another minimum
+            # The simplex looked farther: another minimum.
+            if r @ r < residuals @ residuals - 1e-4 * (r @ r + noise_floor):
                 best, residuals, jacobian = other, r, j
         degrees = len(residuals) - len(best) - self.misfit.nuisance
         if degrees < 0 or (degrees == 0 and not self.misfit.noise_known):

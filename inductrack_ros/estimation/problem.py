@@ -325,9 +325,8 @@ class Problem:
             for rows, side in zip(moved, sides, strict=True):
                 x[rows, free] += side * STATE_STEPS[free]
             P = self.vectors(structure, i, thetas)
-            alike = (P == P[0]).all(axis=1) & (x == x[0]).all(
-                axis=1
-            )  # as where only a sensor's parameter moves: one simulation
+            # As where only a sensor's parameter moves: one simulation.
+            alike = (P == P[0]).all(axis=1) & (x == x[0]).all(axis=1)
             apart = np.flatnonzero(~alike)
             out = self._simulated(structure.model, i, P[[0, *apart]], x[[0, *apart]])
             which = np.zeros(jobs, np.int64)

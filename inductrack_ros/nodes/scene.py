@@ -15,12 +15,10 @@ from .. import frames
 LENGTH = 6.0  # m of track that is drawn; it moves on by whole metres as the cradle does
 THICKNESS = 0.015  # m, of track and arrays
 NARROW = 2e-3  # m; a gap below this is drawn as a warning
-TRACK, CRADLE, WIDE_GAP, NARROW_GAP = (
-    (0.6, 0.6, 0.6, 0.5),
-    (0.2, 0.35, 0.6, 0.9),
-    (0.1, 0.7, 0.2, 1.0),
-    (0.9, 0.1, 0.1, 1.0),
-)
+TRACK = (0.6, 0.6, 0.6, 0.5)
+CRADLE = (0.2, 0.35, 0.6, 0.9)
+WIDE_GAP = (0.1, 0.7, 0.2, 1.0)
+NARROW_GAP = (0.9, 0.1, 0.1, 1.0)
 #: Tilt (rad about the travel) and outward normal (y left, z up) of the top, right and left faces of the track.
 TILTS = (0.0, 0.75 * np.pi, -0.75 * np.pi)
 _C = np.sqrt(0.5)

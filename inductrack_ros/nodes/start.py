@@ -30,9 +30,8 @@ def _run(module: str) -> None:
 
 def _main(module: str) -> int:
     node = import_module(f".{module}", __package__)
-    if {"-h", "--help"} & set(sys.argv[1:]) and not hasattr(
-        node, "parse"
-    ):  # others have options of their own, and help for them
+    # Others have options of their own, and help for them.
+    if {"-h", "--help"} & set(sys.argv[1:]) and not hasattr(node, "parse"):
         print(
             f"{node.__doc__}\n\nParameters: ros2 param describe, or docs/interfaces.md; set them with --ros-args -p"
             " NAME:=VALUE or --params-file FILE."

@@ -82,11 +82,9 @@ def _line_at_one(axis: str) -> dict[str, Any]:
 def unknown_figure(result: Diagnosis) -> Figure:
     unknown = result.unknown
     named, (factor, unit), _ = law(unknown)
-    at, force, half = (
-        np.asarray(unknown.at, float),
-        factor * np.asarray(unknown.force, float),
-        factor * np.asarray(unknown.band, float),
-    )
+    at = np.asarray(unknown.at, float)
+    force = factor * np.asarray(unknown.force, float)
+    half = factor * np.asarray(unknown.band, float)
     quiet = {"type": "scatter", "mode": "lines", "showlegend": False}
     band = quiet | {
         "x": packed(np.concatenate([at, at[::-1]])),
@@ -116,9 +114,8 @@ def unknown_figure(result: Diagnosis) -> Figure:
 
 
 def limits_figure(result: Diagnosis) -> Figure:
-    shares = {
-        x.name: share(result, x) for x in result.limits if not of_sensor(result, x.name)
-    }  # a sensor's faults are in the table
+    # A sensor's faults are in the table.
+    shares = {x.name: share(result, x) for x in result.limits if not of_sensor(result, x.name)}
     rows = sorted((x for x in result.limits if finite(shares.get(x.name))), key=lambda x: -shares[x.name])
     data = {
         "type": "bar",

@@ -204,9 +204,8 @@ def _statistics(found: np.ndarray) -> tuple[np.ndarray, ...]:
     flown = np.isfinite(found).any(axis=(1, 2))
     counted = np.where(np.isfinite(found), found, np.nan)
     has = np.isfinite(counted).any(axis=1)
-    filled = np.where(
-        has[:, None, :], counted, 0.0
-    )  # a column without a number would be warned of; it is emptied again below
+    # A column without a number would be warned of; it is emptied again below.
+    filled = np.where(has[:, None, :], counted, 0.0)
     low, high = np.nanpercentile(filled, [LOW, HIGH], axis=1)
     parts = np.nanmean(filled, axis=1), np.nanstd(filled, axis=1, ddof=1 if found.shape[1] > 1 else 0), low, high
     touching = np.where(flown, np.isfinite(found[:, :, NAMES.index("first_contact")]).mean(axis=1), np.nan)

@@ -140,14 +140,11 @@ def track_height(z, p):
     """Height of the track's zero pose and its slope along the travel (guideway_waviness, joint_step)."""
     q = 2 * math.pi / p.guideway_waviness__wavelength
     angle = q * z + p.guideway_waviness__phase
-    height, slope = (
-        p.guideway_waviness__amplitude * math.sin(angle),
-        p.guideway_waviness__amplitude * q * math.cos(angle),
-    )
+    height = p.guideway_waviness__amplitude * math.sin(angle)
+    slope = p.guideway_waviness__amplitude * q * math.cos(angle)
     if p.joint_step__height != 0:
-        fall = math.exp(
-            -2 * min(max((z - p.joint_step__place) / 0.05, -300.0), 300.0)
-        )  # (1 + tanh u)/2 = 1/(1 + e^-2u)
+        # (1 + tanh u)/2 = 1/(1 + e^-2u)
+        fall = math.exp(-2 * min(max((z - p.joint_step__place) / 0.05, -300.0), 300.0))
         height += p.joint_step__height / (1 + fall)
         slope += p.joint_step__height * 2 * fall / (1 + fall) ** 2 / 0.05
     return height, slope

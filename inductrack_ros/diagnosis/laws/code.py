@@ -84,10 +84,8 @@ def declaration(law: Written, parameter: str) -> Parameter:
     kind = next((s.kind for s in law.form.shapes if s.name == parameter), "")
     if kind:
         low, high = law.covered.bounds(kind)
-        default, typical = (
-            _rounded(value, 5),
-            {"power": 0.05, "phase": 0.1}.get(kind) or STEP * min(high - low, law.covered.length),
-        )
+        default = _rounded(value, 5)
+        typical = {"power": 0.05, "phase": 0.1}.get(kind) or STEP * min(high - low, law.covered.length)
         low, high = min(_rounded(low, 3), default), max(_rounded(high, 3), default)
     else:
         default, high, typical = 0.0, _rounded(WIDE * abs(value) or 1.0, 1), abs(value) / 10 or 1.0

@@ -73,9 +73,8 @@ class Table:
         bends, modes = np.linalg.eigh(bent - plain)
         prior = plain[0, 0] + weight * np.where(bends > 1e-12 * bends[-1], bends, 0.0)
         held = covariance[free, free]
-        sure = prior < SURE / (
-            prior[-1] * np.linalg.norm(held, 2) ** 2
-        )  # of bends that the prior holds far harder nothing is known
+        # Of bends that the prior holds far harder nothing is known.
+        sure = prior < SURE / (prior[-1] * np.linalg.norm(held, 2) ** 2)
         modes, prior = modes[:, sure], prior[sure]
         root = np.sqrt(prior)[:, None] * modes.T
         whole = root @ held @ root.T

@@ -20,12 +20,10 @@ from ...core.effects.stand_in import VARIABLES
 #: No value of an expression is taken for larger than this.
 LARGEST = 1e60
 #: How the variables are grouped by what forms make sense on them.
-ALONG, SIGNED, SPEED, DRIVE = (
-    ("surge", "time"),
-    ("sway", "heave", "roll", "sway_rate", "heave_rate", "roll_rate"),
-    ("surge_rate",),
-    ("drive",),
-)
+ALONG = ("surge", "time")
+SIGNED = ("sway", "heave", "roll", "sway_rate", "heave_rate", "roll_rate")
+SPEED = ("surge_rate",)
+DRIVE = ("drive",)
 RATES = ("sway_rate", "heave_rate", "roll_rate")
 ANY = VARIABLES
 #: A form's expression means by ``math``, ``max`` and ``min`` what a compiled effect means by them, for whole arrays.
