@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..core.kernel import QUANTITIES
-from ..core.state import INDEX, OUTPUTS
+from ..core.state import INDEX
 from .kalman import Columns
-from .linear import THETA_STEP, pieces, read
+from .linear import THETA_STEP, next_state, pieces, read
 from .problem import Problem
 from .shooting import Fit
 from .structure import Structure
@@ -85,25 +85,11 @@ def carried(problem: Problem, structure: Structure, i: int, path: np.ndarray) ->
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, structure.start[None])
     x = model.with_effect_states(path[0], data.grid[0], P[0], None if data.averaged else data.pulses, path[0, 0])
-    result, row = path.copy(), np.empty((1, 1, len(OUTPUTS)))
+    result = path.copy()
     for k in range(len(path)):
         result[k, 8:] = x[8:]
         if k + 1 < len(path):
-            state = result[k][None].copy()
-            model.kernel.simulate_batch(
-                data.grid[k + 1 : k + 2],
-                float(data.grid[k]),
-                state,
-                P,
-                model.switches[None],
-                model.moving,
-                path[:1, 0].copy(),
-                data.averaged,
-                *data.pulses,
-                1.0,
-                row,
-            )
-            x = state[0]
+            x = next_state(problem, model, i, P, result, k)
     return result
 
 

@@ -64,14 +64,12 @@ def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray,
     sensitivity = ((readings[1 : 1 + A] - readings[0]) * weight).T / by_state
     late = _late(problem, structure, i, outputs, theta, readings, by_state) * weight[:, None]
     sensitivity[:, 4:8] += late
-    known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(
-        axis=1
-    )  # a late sensor's first readings are of before the run
-    sensitivity[~known], y[~known], y[~known, 0] = (
-        0.0,
-        0.0,
-        1.0,
-    )  # it tells nothing and is as far off as noise is: no gain
+    # A late sensor's first readings are of before the run.
+    known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(axis=1)
+    # It tells nothing and is as far off as noise is: no gain.
+    sensitivity[~known] = 0.0
+    y[~known] = 0.0
+    y[~known, 0] = 1.0
     root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
     return LinearRun(
         np.searchsorted(data.row, np.arange(n + 1)),
@@ -220,6 +218,17 @@ def pieces(
         ends,
     )
     return outputs, ends
+
+
+def next_state(problem: Problem, model: Model, i: int, P: np.ndarray, path: np.ndarray, k: int) -> np.ndarray:
+    """The state (N,) that the model flies to at node k + 1 of run i from that at node k of a trajectory (n, N), under
+    a row of P (1, p)."""
+    data, x, row = problem.runs[i], path[k : k + 1].copy(), np.empty((1, 1, len(OUTPUTS)))
+    model.kernel.simulate_batch(
+        data.grid[k + 1 : k + 2], float(data.grid[k]), x, P, model.switches[None], model.moving, path[:1, 0].copy(),
+        data.averaged, *data.pulses, 1.0, row,
+    )  # fmt: skip
+    return x[0]
 
 
 def outputs_of(problem: Problem, fit: Fitted, i: int) -> np.ndarray:

@@ -14,11 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core.state import OUTPUTS
 from . import fit as end_to_end
 from .kalman import LinearRun
 from .likelihood import TOLERANCE, Evidence, Point, cost, settle
-from .linear import linearise
+from .linear import linearise, next_state
 from .problem import Problem
 from .processes import IMPACT, Process, offsets, tightened
 from .start import start
@@ -155,31 +154,12 @@ def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, sta
     """The trajectory (n, N) of run i that the model flies from an initial state (8,), node by node."""
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, theta[None])
-    path, outputs, still = (
-        np.zeros((len(data.grid), len(model.kernel.states))),
-        np.empty((2, 1, len(OUTPUTS))),
-        np.zeros((1, len(model.kernel.states))),
-    )
+    path = np.zeros((len(data.grid), len(model.kernel.states)))
     path[0, :8] = state
     if model.carries_states:
         path[0] = model.with_effect_states(path[0], P=P[0], pulses=None if data.averaged else data.pulses)
-    ends = np.empty((2, 1, path.shape[1]))
     for k in range(len(path) - 1):
-        model.kernel.linearise_pieces(
-            data.grid[k : k + 2],
-            path[k : k + 2],
-            still,
-            P,
-            model.switches,
-            model.moving,
-            float(path[0, 0]),
-            data.averaged,
-            *data.pulses,
-            1.0,
-            outputs,
-            ends,
-        )
-        path[k + 1] = ends[0, 0]
+        path[k + 1] = next_state(problem, model, i, P, path, k)
     return path
 
 
