@@ -87,10 +87,11 @@ def report(given: argparse.Namespace, found: Iterable[dict]) -> None:
     rows = []
     for row in found:
         rows.append(row)
-        print(ask.line(row), flush=True)
+        line = ask.line(row)
+        print(line, flush=True)
         if given.lines:
             with given.lines.open("a") as file:
-                file.write(ask.line(row) + "\n")
+                file.write(line + "\n")
         for name, answer in row.get("peers", {}).items():
             print(
                 f"     {name}: {'right' if answer['right'] else 'WRONG'} {answer['verdict'][:150]} {answer['found']}"

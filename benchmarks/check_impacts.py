@@ -90,7 +90,7 @@ def planted(campaign: Campaign, run: int, row: int, channel: str, size: float) -
 
 def main() -> None:
     """Draw, look, plant, look, count."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("--campaigns", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()

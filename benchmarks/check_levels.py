@@ -108,7 +108,7 @@ def speed(samples: int) -> None:
 
 def main() -> None:
     """Draw, spoil, look, count."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("--campaigns", type=int, default=60)
     parser.add_argument("--samples", type=int, default=0)
     parser.add_argument("--first-seed", type=int, default=7000)

@@ -143,7 +143,7 @@ def missing(bag: Path) -> dict[str, dict[str, int]]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("--minutes", type=float, default=30.0, help="simulated minutes (default: 30)")
     parser.add_argument("--lockstep", action="store_true", help="with track_controller, in lockstep")
     parser.add_argument("--output", type=Path, default=Path("build/soak.json"))

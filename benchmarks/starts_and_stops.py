@@ -90,7 +90,7 @@ def record(folder: Path, chance: random.Random) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("--times", type=int, default=200, help="of each node (default: 200)")
     parser.add_argument("--load", type=int, default=4, help="processes that spin meanwhile (default: 4)")
     parser.add_argument("--seed", type=int, default=0)

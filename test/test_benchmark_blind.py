@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Idea: the blind benchmark's own parts: its loop campaigns fly as the nodes do, its judge knows a finding by what
-it is about."""
+"""The blind benchmark's own parts: its loop campaigns fly as the nodes do, its judge knows what a finding is about."""
 
 import sys
 from pathlib import Path

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parts of the blind benchmark (`blind_diagnosis.py`): `judge` an answer, `ask` for one, `loop` campaigns that the
-package's own nodes fly, answers to `shaken_bits`, and the `table`."""
+package's own nodes fly, whether an answer hangs on the `last_bits`,
+and the `table`s."""
 
 import sys
 from pathlib import Path

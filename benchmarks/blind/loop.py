@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from independent import clarity, hiding
+from independent import clarity, hidden_effects, hiding
 
 from inductrack_ros.core.model import Model, Pulses, Trajectory
 from inductrack_ros.core.rig import Rig
@@ -141,7 +141,7 @@ def draw_hidden(rng, kind: str, experiment: Experiment, faint: float, clear: flo
     jacobians = experiment.nuisance([]) if number else None
     hidden = []
     for name in rng.choice(EFFECTS, number, replace=False).tolist():
-        target = float(np.exp(rng.uniform(np.log(faint), np.log(clear))))
+        target = hidden_effects.log_uniform(rng, faint, clear)
         hidden.append(hiding.draw_effect(rng, name, experiment, lambda past: jacobians, target))
     return hidden
 
@@ -154,7 +154,7 @@ def write_campaign(folder: Path, seed: int, kind: str, faint: float = 15.0, clea
     rng = np.random.default_rng([seed, 19])
     controller = str(rng.choice(list(CONTROLLERS), p=[0.65, 0.35]))
     sensors = str(rng.choice(list(SENSORS), p=[0.45, 0.2, 0.35]))
-    level = float(np.exp(rng.uniform(0, np.log(4))))
+    level = hidden_effects.log_uniform(rng, 1, 4)
     noise = {c: float(f"{level * s:.3g}") for c, s in SENSORS[sensors].items()}
     eta, gamma = float(rng.uniform(0.715, 0.745)), float(rng.uniform(3.85, 4.0))
     inside = str(rng.choice(list(KINDS[kind]), p=list(KINDS[kind].values())))

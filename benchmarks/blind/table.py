@@ -8,19 +8,18 @@ from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
-from independent import hidden_effects
+from independent import campaigns, hidden_effects
 from scipy import stats
 
 from inductrack_ros.diagnosis.settings import LEVEL
 
+from . import loop
 from .ask import KINDS
 
 #: Signal over noise, nuisance refitted, above which an effect counts as clear.
 CLEAR = 30.0
-#: A campaign of these kinds has no dirt; the others have a line of their own.
-SORTS = {"ideal": lambda r: r["kind"] not in ("dirty", "dirty_complete", "loop", "loop_complete")} | {
-    kind: lambda r, kind=kind: r["kind"] == kind for kind in ("dirty", "dirty_complete", "loop", "loop_complete")
-}
+#: Kinds that have a line of their own; all others are ideal.
+APART = (*campaigns.DIRTY, *loop.KINDS)
 
 
 def summary(rows: list[dict]) -> str:
@@ -41,12 +40,24 @@ def by_sort(rows: list[dict]) -> list[str]:
     """Ideal, dirty and loop campaigns side by side."""
     head = ["campaigns", "number", "right", "of the clear ones", "false alarms", "findings told", "told, not there",
             "95 % intervals with the truth", "processor time, median / longest (s)"]  # fmt: skip
-    return table(head, [[name, *_of_sort(mine)] for name, is_it in SORTS.items() if (mine := [*filter(is_it, rows)])])
+    sorts = {"ideal": [r for r in rows if r["kind"] not in APART]}
+    sorts |= {kind: [r for r in rows if r["kind"] == kind] for kind in APART}
+    return table(head, [[name, *_of_sort(mine)] for name, mine in sorts.items() if mine])
+
+
+def clear_ones(rows: list[dict]) -> list[dict]:
+    """Rows whose truth can be seen: nothing is missing, or what is shows clearly."""
+    return [r for r in rows if r["truth"] == "adequate" or r["clarity"] >= CLEAR]
+
+
+def false_alarms(rows: list[dict]) -> str:
+    """How many of the complete models were told to lack something."""
+    complete = [r for r in rows if r["truth"] == "adequate"]
+    return f"{sum(r['verdict'] != 'adequate' for r in complete)} of {len(complete)}"
 
 
 def _of_sort(rows: list[dict]) -> list[str]:
-    clear = [r for r in rows if r["truth"] == "adequate" or r["clarity"] >= CLEAR]
-    complete = [r for r in rows if r["truth"] == "adequate"]
+    clear = clear_ones(rows)
     told = [r["findings"] for r in rows if r.get("findings")]
     hits = [abs(z) <= 1.96 for r in rows if r["right"] for z in r["off"].values()]
     cpu = [r["cpu"] for r in rows]
@@ -54,7 +65,7 @@ def _of_sort(rows: list[dict]) -> list[str]:
         str(len(rows)),
         str(sum(r["right"] for r in rows)),
         f"{sum(r['right'] for r in clear)} of {len(clear)}",
-        f"{sum(r['verdict'] != 'adequate' for r in complete)} of {len(complete)}",
+        false_alarms(rows),
         f"{sum(t['told'] for t in told)} of {sum(t['expected'] for t in told)}",
         f"in {sum(bool(t['not_there']) for t in told)}",
         f"{100 * np.mean(hits):.1f} % of {len(hits)}" if hits else "",
@@ -67,7 +78,7 @@ def by_kind(rows: list[dict]) -> list[str]:
     found = []
     for kind in [*KINDS, None]:
         mine = [r for r in rows if kind is None or r["kind"] == kind]
-        clear = [r for r in mine if r["truth"] == "adequate" or r["clarity"] >= CLEAR]
+        clear = clear_ones(mine)
         if mine:
             right = f"{sum(r['right'] for r in clear)} of {len(clear)}"
             found.append([kind or "all", len(mine), sum(r["right"] for r in mine), right])
@@ -117,9 +128,8 @@ def power(signal: float, family: int) -> float:
 
 def whole(rows: list[dict]) -> list[str]:
     """What is said of all campaigns in a line each."""
-    nothing = [r for r in rows if r["truth"] == "adequate"]
     errors = [r["error"] for r in rows if r["right"] and r["truth"] != "unknown_effect" and r["error"] is not None]
-    lines = [f"false alarms: {sum(r['verdict'] != 'adequate' for r in nothing)} of {len(nothing)} complete models"]
+    lines = [f"false alarms: {false_alarms(rows)} complete models"]
     if errors:
         lines.append(f"error on unseen runs over noise: median {np.median(errors):.3f}, largest {max(errors):.3f}")
     if asked := [r["same"] for r in rows if "same" in r]:

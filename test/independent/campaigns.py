@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from independent import clarity, dirt, hidden_effects, whitened
 from independent import simulator as sim
 from independent.hiding import draw_hidden, rivals_of, stays_in_track, with_past_contact
-from independent.plans import DESIGNS, draw_plan, draw_runs, log_uniform  # noqa: F401
+from independent.plans import DESIGNS, draw_plan, draw_runs
 
 KINDS = ("nothing", "single", "two", "three", "unknown", "sensor")
 #: What a dirty campaign hides (a complete one: nothing), and how often.

@@ -10,6 +10,7 @@ imported.
 import numpy as np
 
 from independent import simulator as sim
+from independent.hidden_effects import log_uniform
 
 COORDINATES = ("surge", "sway", "heave", "roll")
 #: A common shaking, N/sqrt(Hz) and N m/sqrt(Hz), two-sided: the impulse of T seconds has the standard deviation
@@ -21,8 +22,9 @@ KICK_EVERY = 5e-4  # s between kicks
 CURRENTS, MAGNETS = ["gamma", "drive_current"], ["eta", "gamma", "peak_field"]
 
 
-def log_uniform(rng, low, high):
-    return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
+def drawn_size(rng, low, high):
+    """A size between two, in three digits."""
+    return float(f"{log_uniform(rng, low, high):.3g}")
 
 
 def _some(rng, names, every=0.6):
@@ -43,7 +45,7 @@ def _by_channel(kind, channels, **sizes):
 
 
 def spikes(rng, plan, runs):
-    channels, share = _some(rng, plan["channels"]), log_uniform(rng, 0.003, 0.02)
+    channels, share = _some(rng, plan["channels"]), drawn_size(rng, 0.003, 0.02)
     return {"channels": channels, "share": share, "findings": _by_channel("outliers", channels, share=share)}
 
 
@@ -53,13 +55,13 @@ def tails(rng, plan, runs):
 
 
 def rounding(rng, plan, runs):
-    channels, steps, left = _some(rng, plan["channels"]), log_uniform(rng, 1.5, 6), log_uniform(rng, 0.1, 1)
+    channels, steps, left = _some(rng, plan["channels"]), drawn_size(rng, 1.5, 6), drawn_size(rng, 0.1, 1)
     found = _by_channel("quantised", channels, step={c: float(f"{steps * plan['noise'][c]:.3g}") for c in channels})
     return {"channels": channels, "steps": {f["channel"]: f["step"] for f in found}, "noise": left, "findings": found}
 
 
 def coloured(rng, plan, runs):
-    channels, time = _some(rng, plan["channels"]), log_uniform(rng, 2, 15) / plan["rate"]
+    channels, time = _some(rng, plan["channels"]), drawn_size(rng, 2, 15) / plan["rate"]
     return {"channels": channels, "time": time, "findings": _by_channel("coloured_noise", channels,
                                                                        correlation_time=time)}  # fmt: skip
 
@@ -71,25 +73,25 @@ def jitter(rng, plan, runs):
 
 def hum(rng, plan, runs):
     able = [f for f in (16.7, 50.0, 60.0, 100.0) if f < 0.4 * plan["rate"]]
-    channels, frequency, amplitude = _some(rng, plan["channels"]), float(rng.choice(able)), log_uniform(rng, 0.7, 3)
+    channels, frequency, amplitude = _some(rng, plan["channels"]), float(rng.choice(able)), drawn_size(rng, 0.7, 3)
     sizes = {c: float(f"{amplitude * plan['noise'][c]:.3g}") for c in channels}
     found = _by_channel("hum", channels, frequency=frequency, amplitude=sizes)
     return {"channels": channels, "frequency": frequency, "amplitude": amplitude, "findings": found}
 
 
 def noise_by_channel(rng, plan, runs):
-    ratios = {c: log_uniform(rng, 0.4, 3) for c in _some(rng, plan["channels"], 0.3)}
+    ratios = {c: drawn_size(rng, 0.4, 3) for c in _some(rng, plan["channels"], 0.3)}
     told = [c for c, r in ratios.items() if not 0.75 < r < 1.3]
     return {"ratios": ratios, "findings": _by_channel("noise_differs", told, ratio=ratios)}
 
 
 def noise_by_run(rng, plan, runs):
-    return {"run": int(rng.integers(len(runs))), "ratio": log_uniform(rng, 1.7, 4), "findings": []}
+    return {"run": int(rng.integers(len(runs))), "ratio": drawn_size(rng, 1.7, 4), "findings": []}
 
 
 def dropouts(rng, plan, runs):
     channels, share = _some(rng, plan["channels"]), float(f"{rng.uniform(0.05, 0.3):.2g}")
-    return {"channels": channels, "share": share, "length": log_uniform(rng, 0.01, 0.06), "findings": []}
+    return {"channels": channels, "share": share, "length": drawn_size(rng, 0.01, 0.06), "findings": []}
 
 
 def shaken(rng, plan, runs):
@@ -97,11 +99,11 @@ def shaken(rng, plan, runs):
 
 
 def shaken_coloured(rng, plan, runs):
-    return _shaking(rng, log_uniform(rng, 0.005, 0.05))
+    return _shaking(rng, drawn_size(rng, 0.005, 0.05))
 
 
 def _shaking(rng, time):
-    factor = log_uniform(rng, 0.3, 2)
+    factor = drawn_size(rng, 0.3, 2)
     sizes = {c: float(f"{factor * SHAKING[c]:.3g}") for c in _some(rng, COORDINATES, 0.5)}
     found = [{"kind": "shaken", "coordinate": c, "size": s} for c, s in sizes.items()]
     return {"sizes": sizes, "time": time, "findings": found}
@@ -110,11 +112,11 @@ def _shaking(rng, time):
 def current_differs(rng, plan, runs):
     if sum(run["drive_current"] > 0 for run in runs) < 4:
         return None
-    return _differs(log_uniform(rng, 0.002, 0.015), CURRENTS)
+    return _differs(drawn_size(rng, 0.002, 0.015), CURRENTS)
 
 
 def magnets_differ(rng, plan, runs):
-    return _differs(log_uniform(rng, 0.0007, 0.004), MAGNETS) if len(runs) > 3 else None
+    return _differs(drawn_size(rng, 0.0007, 0.004), MAGNETS) if len(runs) > 3 else None
 
 
 def _differs(std, parameters):
@@ -125,7 +127,7 @@ def odd_run(rng, plan, runs):
     if len(runs) < 5:
         return None
     k, what = int(rng.integers(len(runs))), str(rng.choice(["eta", "mass"]))
-    factor = 1 + float(rng.choice([-1, 1])) * log_uniform(rng, 0.02, 0.08)
+    factor = 1 + float(rng.choice([-1, 1])) * drawn_size(rng, 0.02, 0.08)
     return {"run": k, "what": what, "factor": factor, "findings": [{"kind": "bad_run", "run": f"run_{k:02d}"}]}
 
 

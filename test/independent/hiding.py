@@ -5,7 +5,8 @@ import numpy as np
 
 from independent import clarity, hidden_effects
 from independent import simulator as sim
-from independent.plans import MOST_ROLL, log_uniform
+from independent.hidden_effects import log_uniform
+from independent.plans import MOST_ROLL
 
 
 def draw_effect(rng, name, experiment, jacobians, target, channel=None):

@@ -5,6 +5,7 @@ import numpy as np
 
 from independent import clarity
 from independent import simulator as sim
+from independent.hidden_effects import log_uniform
 
 DESIGNS = ("mixed", "coasting", "touchdown", "gaps", "powered", "one_sided")
 NOISE = {  # standard deviations at level 1, SI
@@ -19,10 +20,6 @@ POSE = ["surge", "sway", "heave", "roll"]
 RATES = ["surge_rate", "sway_rate", "heave_rate", "roll_rate"]
 GAPS = ["gap_top", "gap_right", "gap_left"]
 ACCELERATIONS = ["surge_acceleration", "sway_acceleration", "heave_acceleration"]
-
-
-def log_uniform(rng, low, high):
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def draw_channels(rng, design):
