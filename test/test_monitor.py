@@ -219,21 +219,10 @@ def test_a_bag_that_hides_an_effect_plays_and_the_improved_model_is_quiet(ros, t
     improved.wait_for("waiting for measured/pose")
     ros.connect("/inductrack/monitor", "/inductrack/better")
     player = ros.start(
-        "play",
-        str(tmp_path / "bag"),
-        "--rate",
-        "2",
-        "--listeners",
-        "2",
-        "--topics",
-        "/inductrack/pose",
-        "/inductrack/twist",
-        "--ros-args",
-        "-r",
-        "/inductrack/pose:=/inductrack/measured/pose",
-        "-r",
+        "play", str(tmp_path / "bag"), "--rate", "2", "--listeners", "2", "--topics", "/inductrack/pose",
+        "/inductrack/twist", "--ros-args", "-r", "/inductrack/pose:=/inductrack/measured/pose", "-r",
         "/inductrack/twist:=/inductrack/measured/twist",
-    )
+    )  # fmt: skip
     ros.wait(lambda: not player.running, "the end of the bag")
     assert player.wait() == 0 and f"{2 * len(times)} messages played" in player.output
     paper.wait_for("fails in heave")

@@ -105,17 +105,10 @@ def proposed() -> Diagnosis:
     """An unknown with two laws that the data cannot tell apart."""
     base = unknown()
     law = ProposedLaw(
-        "proposed_bump_heave_on_surge",
-        f"a bump {NASTY}",
-        "F exp(−((z − z₀)/w)²)",
-        {"force": (-12.0, 0.1, "N"), "place": (8.0, 0.01, "m")},
-        "a bump in words",
-        41.0,
-        0.6,
-        base.unknown.force,
-        1.0,
+        "proposed_bump_heave_on_surge", f"a bump {NASTY}", "F exp(−((z − z₀)/w)²)",
+        {"force": (-12.0, 0.1, "N"), "place": (8.0, 0.01, "m")}, "a bump in words", 41.0, 0.6, base.unknown.force, 1.0,
         1.01,
-    )
+    )  # fmt: skip
     return replace(
         base,
         laws=Laws(

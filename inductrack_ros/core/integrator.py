@@ -287,22 +287,9 @@ def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, lo
     work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     for job in range(x.shape[0]):
         integrate(
-            times,
-            t0,
-            x[job],
-            P[job],
-            on[job],
-            moving,
-            origin[job],
-            averaged,
-            pt,
-            pp,
-            pc,
-            longest,
-            work,
-            touching,
+            times, t0, x[job], P[job], on[job], moving, origin[job], averaged, pt, pp, pc, longest, work, touching,
             out[job],
-        )
+        )  # fmt: skip
 
 
 def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
@@ -315,22 +302,9 @@ def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, 
             for i in range(N_STATES):
                 state[i] = x[k, i] + offsets[job, i]
             integrate(
-                times[k + 1 : k + 2],
-                times[k],
-                state,
-                P,
-                on,
-                moving,
-                origin,
-                averaged,
-                pt,
-                pp,
-                pc,
-                longest,
-                work,
-                touching,
-                row,
-            )
+                times[k + 1 : k + 2], times[k], state, P, on, moving, origin, averaged, pt, pp, pc, longest, work,
+                touching, row,
+            )  # fmt: skip
             for i in range(8):
                 out[k, job, i] = row[0, i]
 
@@ -348,22 +322,9 @@ def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp,
             for i in range(N_STATES):
                 state[i] = x[k, i] + offsets[job, i]
             integrate(
-                ends_of,
-                times[k],
-                state,
-                P[job],
-                on,
-                moving,
-                origin,
-                averaged,
-                pt,
-                pp,
-                pc,
-                longest,
-                work,
-                touching,
+                ends_of, times[k], state, P[job], on, moving, origin, averaged, pt, pp, pc, longest, work, touching,
                 rows,
-            )
+            )  # fmt: skip
             for i in range(15):
                 outputs[k, job, i] = rows[0, i]
             for i in range(N_STATES):

@@ -350,17 +350,6 @@ def _warm_up(kernel: Kernel) -> None:
         0.0, np.zeros(n), P, on[0], moving, 0.0, True, none, none, none, np.zeros(n), np.zeros(len(QUANTITIES))
     )
     kernel.simulate_batch(
-        np.zeros(1),
-        0.0,
-        np.zeros((1, n)),
-        P[None],
-        on,
-        moving,
-        np.zeros(1),
-        True,
-        none,
-        none,
-        none,
-        1.0,
+        np.zeros(1), 0.0, np.zeros((1, n)), P[None], on, moving, np.zeros(1), True, none, none, none, 1.0,
         np.zeros((1, 1, 15)),
-    )
+    )  # fmt: skip

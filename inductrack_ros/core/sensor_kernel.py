@@ -140,18 +140,6 @@ def _warm_up(module: ModuleType) -> None:
     none, one = np.zeros((1, 0)), np.zeros(1)
     runs, whole = np.zeros((1, 1, len(OUTPUTS))), np.zeros(1, np.int64)
     module.read(
-        one,
-        one,
-        runs,
-        whole,
-        none,
-        np.zeros((1, len(PARAMETERS))),
-        np.zeros((0, 4), np.int64),
-        whole,
-        0,
-        np.nan,
-        none,
-        0.0,
-        False,
-        np.zeros((1, 1)),
-    )
+        one, one, runs, whole, none, np.zeros((1, len(PARAMETERS))), np.zeros((0, 4), np.int64), whole, 0, np.nan, none,
+        0.0, False, np.zeros((1, 1)),
+    )  # fmt: skip

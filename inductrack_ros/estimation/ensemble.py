@@ -73,20 +73,9 @@ def ensemble(
         for i in np.flatnonzero(done < times.size):
             one, rest, began = slice(i, i + 1), slice(done[i], None), times[max(done[i] - 1, 0)]
             model.kernel.simulate_batch(
-                times[rest],
-                began,
-                full[one],
-                P[one],
-                model.switches[None],
-                model.moving,
-                x[one, 0],
-                True,
-                none,
-                none,
-                none,
-                1.0,
-                out[one, rest],
-            )
+                times[rest], began, full[one], P[one], model.switches[None], model.moving, x[one, 0], True, none, none,
+                none, 1.0, out[one, rest],
+            )  # fmt: skip
         return reduced(out)
 
     rows = [slice(i, i + CHUNK) for i in range(0, len(states), CHUNK)]

@@ -187,19 +187,10 @@ class Identification:
         normal = jacobian.T @ jacobian
         unit = np.outer(self.unit, self.unit)
         return Fit(
-            self.misfit.free,
-            best * self.unit,
-            jacobian / self.unit,
-            _inverse(normal) * unit * noise**2,
-            float(residuals @ residuals),
-            noise,
-            degrees,
-            self.misfit.noise_known,
-            residuals,
-            self.start,
-            None if simplex is None else simplex * self.unit,
-            counts,
-        )
+            self.misfit.free, best * self.unit, jacobian / self.unit, _inverse(normal) * unit * noise**2,
+            float(residuals @ residuals), noise, degrees, self.misfit.noise_known, residuals, self.start,
+            None if simplex is None else simplex * self.unit, counts,
+        )  # fmt: skip
 
     def _nelder_mead(self, u: Array) -> Array:
         """Nelder–Mead, started afresh where it stopped until that no longer helps: a simplex that has collapsed in a

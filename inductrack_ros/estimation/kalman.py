@@ -119,23 +119,9 @@ def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
     innovations, variances, gains = np.empty((m, columns)), np.empty(m), np.empty((m, n_states))
     roots, means = np.empty((n, n_states, n_states)), np.empty((n, n_states, columns))
     _filter(
-        run.first,
-        run.sensitivity,
-        run.data,
-        run.variance,
-        run.transitions,
-        run.inputs,
-        run.spacing,
-        run.start_root,
-        run.start_mean,
-        run.kicks,
-        np.asarray(power, float),
-        innovations,
-        variances,
-        gains,
-        roots,
-        means,
-    )
+        run.first, run.sensitivity, run.data, run.variance, run.transitions, run.inputs, run.spacing, run.start_root,
+        run.start_mean, run.kicks, np.asarray(power, float), innovations, variances, gains, roots, means,
+    )  # fmt: skip
     return Filtered(innovations, variances, gains, roots, means)
 
 
@@ -146,24 +132,10 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
     found, expected = np.zeros(4), np.zeros(4)
     of_states, of_readings = np.zeros((2, deviations.shape[1])), np.zeros((2, len(run.variance)))
     _smoother(
-        run.first,
-        run.sensitivity,
-        run.variance,
-        run.transitions,
-        run.spacing,
-        run.kicks,
-        filtered.innovations @ weights,
-        filtered.variances,
-        filtered.gains,
-        filtered.roots,
-        filtered.means @ weights,
-        deviations,
-        adjoint,
-        found,
-        expected,
-        of_states,
-        of_readings,
-    )
+        run.first, run.sensitivity, run.variance, run.transitions, run.spacing, run.kicks,
+        filtered.innovations @ weights, filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights,
+        deviations, adjoint, found, expected, of_states, of_readings,
+    )  # fmt: skip
     return Smoothed(deviations, adjoint, found, expected, of_states, of_readings)
 
 

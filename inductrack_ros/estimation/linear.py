@@ -204,19 +204,9 @@ def pieces(
     P = problem.vectors(structure, i, thetas)
     outputs, ends = np.empty((len(path), len(offsets), len(OUTPUTS))), np.empty((len(path), *offsets.shape))
     model.kernel.linearise_pieces(
-        data.grid,
-        np.ascontiguousarray(path),
-        offsets,
-        P,
-        model.switches,
-        model.moving,
-        float(path[0, 0]),
-        data.averaged,
-        *data.pulses,
-        1.0,
-        outputs,
-        ends,
-    )
+        data.grid, np.ascontiguousarray(path), offsets, P, model.switches, model.moving, float(path[0, 0]),
+        data.averaged, *data.pulses, 1.0, outputs, ends,
+    )  # fmt: skip
     return outputs, ends
 
 

@@ -95,18 +95,9 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunDat
         p = ModelPulses(run.pulses.times, run.pulses.coils, run.pulses.currents)
         pulses = tuple(np.ascontiguousarray(a, float) for a in p.arrays(model.parameters["wavelength"]))
     return RunData(
-        run,
-        grid,
-        np.searchsorted(grid, times[r]),
-        columns[c],
-        times[r],
-        run.values[r, c],
-        names[c],
-        fixed,
-        guess,
-        pulses,
-        averaged,
-    )
+        run, grid, np.searchsorted(grid, times[r]), columns[c], times[r], run.values[r, c], names[c], fixed, guess,
+        pulses, averaged,
+    )  # fmt: skip
 
 
 def _first_guess(run: Run, model: Model, dof: int) -> np.ndarray:
@@ -231,18 +222,9 @@ class Problem:
                 x[j] = model.with_effect_states(x[j], P=P[j], pulses=None if data.averaged else data.pulses)
         out = np.empty((len(states), data.grid.size, len(OUTPUTS)))
         model.kernel.simulate_batch(
-            data.grid,
-            0.0,
-            x,
-            P,
-            on,
-            model.moving,
-            np.ascontiguousarray(states[:, 0]),
-            data.averaged,
-            *data.pulses,
-            1.0,
-            out,
-        )
+            data.grid, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses,
+            1.0, out,
+        )  # fmt: skip
         return out
 
     def response(

@@ -175,18 +175,9 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
         point = new
     evidence, now = best
     return Fit(
-        structure,
-        now.theta,
-        now.paths,
-        now.power,
-        evidence.deviance,
-        evidence.chi2,
-        evidence.covariance,
-        idle == IDLE,
-        now.processes,
-        now.touching,
-        now.exact,
-    )
+        structure, now.theta, now.paths, now.power, evidence.deviance, evidence.chi2, evidence.covariance, idle == IDLE,
+        now.processes, now.touching, now.exact,
+    )  # fmt: skip
 
 
 def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Evidence, Point, Point]:

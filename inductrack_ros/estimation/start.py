@@ -72,20 +72,10 @@ def _kinematic(problem: Problem, model, data: RunData) -> LinearRun:
     root = np.zeros((8, 8))
     root[data.free_states, data.free_states] = STATE_PRIOR[data.free_states]
     return LinearRun(
-        np.searchsorted(data.row[used], np.arange(n + 1)),
-        H / sigma[:, None],
-        y[:, None],
-        np.ones(len(y)),
-        F,
-        inputs,
-        spacing,
-        root,
-        np.zeros((8, 1)),
-        np.zeros((n, 8)),
-        np.zeros(n, bool),
-        np.zeros((len(y), 4)),
+        np.searchsorted(data.row[used], np.arange(n + 1)), H / sigma[:, None], y[:, None], np.ones(len(y)), F, inputs,
+        spacing, root, np.zeros((8, 1)), np.zeros((n, 8)), np.zeros(n, bool), np.zeros((len(y), 4)),
         np.zeros(len(y), bool),
-    )
+    )  # fmt: skip
 
 
 def _balance(model, speed: np.ndarray) -> np.ndarray:

@@ -123,22 +123,9 @@ def stand_in_surge(
 ):
     """A smooth force in surge that stands in for unknown physics."""
     return curve(
-        variable,
-        surge,
-        sway,
-        heave,
-        roll,
-        surge_rate,
-        sway_rate,
-        heave_rate,
-        roll_rate,
-        time,
-        drive_current,
-        start,
-        step,
-        knots,
-        values,
-    )
+        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start,
+        step, knots, values,
+    )  # fmt: skip
 
 
 @effect(adds="force_sway", parameters=_parameters("N", 1.0), screened=False)
@@ -162,22 +149,9 @@ def stand_in_sway(
 ):
     """A smooth force in sway that stands in for unknown physics."""
     return curve(
-        variable,
-        surge,
-        sway,
-        heave,
-        roll,
-        surge_rate,
-        sway_rate,
-        heave_rate,
-        roll_rate,
-        time,
-        drive_current,
-        start,
-        step,
-        knots,
-        values,
-    )
+        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start,
+        step, knots, values,
+    )  # fmt: skip
 
 
 @effect(adds="force_heave", parameters=_parameters("N", 1.0), screened=False)
@@ -201,22 +175,9 @@ def stand_in_heave(
 ):
     """A smooth force in heave that stands in for unknown physics."""
     return curve(
-        variable,
-        surge,
-        sway,
-        heave,
-        roll,
-        surge_rate,
-        sway_rate,
-        heave_rate,
-        roll_rate,
-        time,
-        drive_current,
-        start,
-        step,
-        knots,
-        values,
-    )
+        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start,
+        step, knots, values,
+    )  # fmt: skip
 
 
 @effect(adds="moment_roll", parameters=_parameters("N·m", 0.05), screened=False)
@@ -240,22 +201,9 @@ def stand_in_roll(
 ):
     """A smooth moment in roll that stands in for unknown physics."""
     return curve(
-        variable,
-        surge,
-        sway,
-        heave,
-        roll,
-        surge_rate,
-        sway_rate,
-        heave_rate,
-        roll_rate,
-        time,
-        drive_current,
-        start,
-        step,
-        knots,
-        values,
-    )
+        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start,
+        step, knots, values,
+    )  # fmt: skip
 
 
 @effect(changes="thrust", parameters=_parameters("", 0.01), screened=False)
