@@ -69,14 +69,7 @@ def diagnosis_of(
 ) -> Diagnosis:
     """The diagnosis that the end of a search is."""
     problem, f = task.problem, state.fit
-    effects = tuple(n for n in state.added if not n.startswith("stand_in"))
-    verdict = (
-        "unknown_effect"
-        if state.stands_in or state.stopped or state.far
-        else "missing_effect"
-        if effects
-        else "adequate"
-    )
+    effects, verdict = state.known, state.verdict
     unknown, screening = answer.unknown_of(state), answer.last_screening(task, state)
     sigma = answer.sigma_found(task, state, background.noise_of_rounding(task.hints))
     task.tell("how well it predicts runs left out")

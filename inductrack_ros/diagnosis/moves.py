@@ -69,9 +69,21 @@ class State:
         return self.fit.deviance + self.price + background.price(task.problem, task.given, self.fit.processes)
 
     @property
+    def known(self) -> tuple[str, ...]:
+        """The known effects among those added."""
+        return tuple(n for n in self.added if not n.startswith("stand_in"))
+
+    @property
     def stands_in(self) -> bool:
         """Whether a force of any shape is among the effects."""
-        return any(n.startswith("stand_in") for n in self.added)
+        return len(self.known) < len(self.added)
+
+    @property
+    def verdict(self) -> str:
+        """What a search that ends here says of the model."""
+        if self.stands_in or self.stopped or self.far:
+            return "unknown_effect"
+        return "missing_effect" if self.known else "adequate"
 
     def told(self, line: str) -> State:
         """The state with a line more in its log."""

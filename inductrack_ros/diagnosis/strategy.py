@@ -146,7 +146,7 @@ def exchange(task: Task, state: State) -> State:
     Those that explain as much are twins: the data cannot tell them apart.
     """
     twins, fits = {}, {}
-    for name in [n for n in state.added if not n.startswith("stand_in")]:
+    for name in state.known:
         state, others = rivals(task, state, name)
         if others and others[0].cost(task) < state.cost(task) - TOLERANCE and not state.stands_in:
             return others[0].told(f"{others[0].added[-1]} instead of {name}")

@@ -9,7 +9,7 @@ projection)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -124,19 +124,15 @@ def fit(
     theta: np.ndarray | None = None,
     iterations: int = 30,
     tolerance: float = 0.02,
-    reuse: Sequence[Linearisation] | None = None,
-    linear: Sequence[Linearisation] | None = None,
     settle: bool = False,
     one_sided: bool = False,
 ) -> Fit:
     """Fit a structure's free parameters and every run's free initial states.
 
     Starts from ``theta`` and ``states`` where given (else the structure's own values and the first guess). Stops after
-    ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``reuse`` the derivatives by the
-    initial states are taken from there: quick, for a first look at a rival. ``linear`` is the linearisation at the
-    start, if known. With ``settle``, each run's initial state is fitted anew beside the new parameters wherever a step
-    falls short: slower, and it arrives where the valleys are so curved that joint steps creep. ``one_sided``
-    differences cost half where only the way matters."""
+    ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``settle``, each run's initial state is
+    fitted anew beside the new parameters wherever a step falls short: slower, and it arrives where the valleys are so
+    curved that joint steps creep. ``one_sided`` differences cost half where only the way matters."""
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     theta = np.clip(theta, *structure.bounds)
     states = [
@@ -144,10 +140,9 @@ def fit(
         for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)
     ]
     damping, of_runs, converged, idle = 1e-3, np.full(len(states), 1e-3), False, 0
-    if linear is None:
-        linear = problem.linearise(structure, theta, states, reuse, one_sided=one_sided)
+    linear = problem.linearise(structure, theta, states, one_sided=one_sided)
     now = _point(problem, structure, theta, states, [part.residual for part in linear])
-    for left in reversed(range(iterations)):
+    for _ in range(iterations):
         accepted = False
         for attempt in range(8):
             try:
@@ -176,12 +171,7 @@ def fit(
         idle = idle + 1 if now.cost - new.cost < enough else 0
         converged = idle == IDLE
         now = new
-        if reuse is not None and (converged or not left):  # a quick look ends with derivatives one step old
-            linear = [replace(part, residual=r) for part, r in zip(linear, now.residuals, strict=True)]
-        else:
-            linear = problem.linearise(
-                structure, now.theta, now.states, reuse, linear if reuse is not None else None, one_sided
-            )
+        linear = problem.linearise(structure, now.theta, now.states, one_sided=one_sided)
         if converged:
             break
     chi2 = chi_square([part.residual for part in linear])

@@ -277,13 +277,12 @@ class Problem:
         theta: np.ndarray,
         states: Sequence[np.ndarray],
         reuse: Sequence[Linearisation] | None = None,
-        tables_from: Sequence[Linearisation] | None = None,
         one_sided: bool = False,
     ) -> list[Linearisation]:
         """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
 
         ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of
-        the work; ``tables_from`` those by the stand-ins' tables. With ``one_sided`` differences those by the initial
+        the work. With ``one_sided`` differences those by the initial
         states cost half; they say where to go, not how well a state is known."""
         g = len(theta)
         low, high = structure.bounds
@@ -322,12 +321,8 @@ class Problem:
             ]
             by_theta = np.array(slopes).reshape(g, data.y.size)
             for effect, columns in tables.items():
-                if tables_from is not None:
-                    by_theta[columns] = tables_from[i].by_theta[:, columns].T / weight
-                else:
-                    by_theta[columns] = (
-                        self._table_columns(structure, i, theta, states[i], out[0], effect, columns) / weight
-                    )
+                table = self._table_columns(structure, i, theta, states[i], out[0], effect, columns)
+                by_theta[columns] = table / weight
             steps = STATE_STEPS[free][:, None]
             ahead, behind = read[moved[0]] - read[0], read[0] - read[moved[-1]]
             by_state = ahead / steps if one_sided else _slope(ahead, steps, behind, steps)
