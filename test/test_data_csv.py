@@ -130,7 +130,7 @@ BROKEN = {
     "typo": ("time,heeve\n0,1\n1,2\n", "row 1: unknown column 'heeve'; did you mean 'heave'"),
     "no time": ("surge,heave\n0,1\n1,2\n", "'time' is missing"),
     "only time": ("time\n0\n1\n", "no channel beside 'time'"),
-    "twice": ("time,heave,heave\n0,1,1\n1,2,2\n", "'heave' stands there twice"),
+    "twice": ("time,heave,heave\n0,1,1\n1,2,2\n", "two columns hold heave, 'heave' and 'heave'; keep one"),
     "text": ("time,heave\n0,1\n1,high\n2,3\n", "row 3, column 'heave': 'high' is not a number"),
     "text after blank lines": ("time,heave\n0,1\n\n\n1,high\n2,3\n", "row 5, column 'heave'"),
     "decimal comma": ("time,heave\n0,1\n1,2,5\n2,3\n", "row 3: 3 cells where the header names 2"),

@@ -53,8 +53,20 @@ SAME = {
     "UTF-16": PLAIN.encode("utf-16"),
     "UTF-16, big end first": b"\xfe\xff" + PLAIN.encode("utf-16-be"),
     "UTF-16 without mark": PLAIN.encode("utf-16-le"),
+    "UTF-16 without mark, big end first": PLAIN.encode("utf-16-be"),
+    "UTF-16 without mark, other letters first": ("# Ωμέγα\n" + PLAIN).encode("utf-16-le"),
     "UTF-32": PLAIN.encode("utf-32"),
+    "two byte-order marks": "\ufeff\ufeff" + PLAIN,
+    "typeset, decimal commas": PLAIN.replace(",", ";").replace(".", ",").replace("-", "\u2212"),
+    "typeset": PLAIN.replace("-0.005", "\u22120.005").replace("0.25,", "\u00a00.25,"),
+    "Ctrl-Z": PLAIN + "\x1a",
+    "camel case": PLAIN.replace("time", "relativeTime"),
+    "no answer": PLAIN.replace(",,", ",n.a.,"),
+    "header over two lines": PLAIN.replace("surge", '"surge\n[m]"'),
     "capitals": PLAIN.replace("time", "Time").replace("surge", "SURGE"),
+    "no answer, in capitals": PLAIN.replace(",,", ",N.A.,"),
+    "nothing": PLAIN.replace(",,", ",NONE,"),
+    "a mark where two files were joined": PLAIN.replace("0.25,", "\ufeff0.25,"),
     "no number": PLAIN.replace(",,", ",NaN,"),
     "no number either": PLAIN.replace(",,", ",#N/A,"),
     "a dash": PLAIN.replace(",,", ",-,"),
@@ -110,6 +122,9 @@ def test_units_are_converted_and_said(tmp_path, plain, place):
         ("m/s**2", "m/s²", 1.0),
         ("g", "m/s²", 9.80665),
         ("kA", "A", 1e3),
+        ("m/s/s", "m/s²", 1.0),
+        ("mph", "m/s", 0.44704),
+        ("days", "s", 86400.0),
         ("Seconds", "s", 1.0),
         ("us", "s", 1e-6),
         ("μs", "s", 1e-6),
@@ -153,6 +168,101 @@ def test_rows_before_the_header(tmp_path, plain):
     )
 
 
+def test_rows_before_and_below_the_header(tmp_path, plain):
+    """A logger's forty lines of settings, what it calls its groups, and what each column is."""
+    settings = "".join(f"setting {i}: on, off, {i}\n" for i in range(40))
+    head, *rows = PLAIN.splitlines(keepends=True)
+    run = read(tmp_path, settings + head + "clock,tracker,laser\ns,m,m\n" + "".join(rows))
+    assert np.array_equal(run.values, plain.values, equal_nan=True)
+    assert run.notes == ("40 rows before the header left out", "1 row of words below the header left out")
+
+
+def test_a_cell_over_several_lines_keeps_the_rows_numbers(tmp_path):
+    text = 'time,surge,comment\n0,1,"start,\nof ""run""\n"\n1,2,\n2,3,5" pipe\n3,x,\n'
+    with pytest.raises(InputError, match="row 6: a quote that is not closed"):
+        read(tmp_path, text)
+    with pytest.raises(InputError, match="row 7, column 'surge': 'x' is not a number"):
+        read(tmp_path, text.replace('5"', "5"))
+    assert read(tmp_path, text.replace('5"', "5").replace("x", "4"))["surge"].tolist() == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('time,surge\n0,"1,500"\n1,"1,600"\n', "row 2: '1,500' has a comma that is a decimal one or between thousands"),
+        ('time,surge,heave\n0,"1,500",0.1\n', "row 2: '1,500' has a comma between thousands"),
+        (
+            "time [ms];surge\n0;1\n500;2\n1,000;3\n",
+            "row 4: '1,000' has a comma that is a decimal one or between thousands",
+        ),
+        ("time;surge\n0.5;1,500.5\n", "row 2: '1,500.5' has a comma between thousands"),
+        ("time;surge\n0,5;1.500,5\n1;2\n", "row 2, column 'surge': '1.500,5' has thousands separators"),
+        ("time;surge\n0;1 500\n1;2\n", "row 2, column 'surge': '1 500' has thousands separators"),
+        (
+            "time;surge\n0;1,5\n1;2.5\n",
+            "row 3, column 'surge': '2.5' is not a number with a decimal comma, as the others are",
+        ),
+    ],
+)
+def test_thousands_are_no_decimals(tmp_path, text, message):
+    """Read as decimals they would be a thousandth."""
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, text)
+    late = "time;surge\n" + "".join(f"{i};{i}\n" for i in range(4000)) + "4000;4000,5\n"
+    assert read(tmp_path, late)["surge"][-1] == 4000.5
+
+
+def test_what_a_cut_recording_reserved(tmp_path, plain):
+    run = read(tmp_path, (PLAIN + "0.3,1").encode() + bytes(600))
+    assert np.array_equal(run.values, plain.values, equal_nan=True)
+    assert run.notes == ("600 NUL characters at the end left out: the recording was cut off",)
+
+
+@pytest.mark.parametrize("unit", ["UTC", "HH:MM:SS.fff", "local time", "yyyy-MM-dd hh:mm:ss"])
+def test_a_form_of_dates_is_no_unit(tmp_path, unit):
+    times = ["10:00:59.5", "10:01:00", "10:01:00.25"]
+    run = read(tmp_path, f"Time ({unit}),heave\n" + "".join(f"{t},{i}\n" for i, t in enumerate(times)))
+    assert run.times == pytest.approx([0, 0.5, 0.75])
+
+
+def test_a_zone_that_is_not_read_is_said(tmp_path):
+    with pytest.raises(InputError, match="row 2, column 'time': '2026-01-01 10:00:00 CET' is no time that is read"):
+        read(tmp_path, "time,heave\n2026-01-01 10:00:00 CET,1\n2026-01-01 10:00:01 CET,2\n")
+
+
+@pytest.mark.parametrize("header", ["heave_rat", "heave_raet", "heave_ratee", "heave_rste"])
+def test_a_name_one_letter_off_is_refused(tmp_path, header):
+    with pytest.raises(InputError, match=f"unknown column '{header}'; did you mean 'heave_rate'"):
+        read(tmp_path, f"time,heave,{header}\n0,1,2\n1,2,3\n")
+    assert read(tmp_path, "time,heave,heave_raw\n0,1,2\n1,2,3\n").notes == ("column left out: 'heave_raw'",)
+
+
+def test_one_quantity_twice_names_both_columns(tmp_path):
+    with pytest.raises(InputError, match="two columns hold time, 'stamp_sec' and 'stamp_nsec'; keep one"):
+        read(tmp_path, "stamp_sec,stamp_nsec,heave\n17,0,1\n17,500000000,2\n")
+
+
+def test_a_missing_time_names_what_is_there(tmp_path):
+    with pytest.raises(InputError, match="name the column that holds it so \\(there are 'clock'; 'surge'\\)"):
+        read(tmp_path, "clock,surge\n0,1\n1,2\n")
+
+
+def test_rows_in_file_order_and_in_time(tmp_path):
+    """Late rows are sorted; a clock that was set back is told from them, and rounded stamps from two runs in a file."""
+    rows = [f"{0.01 * i:.4f},{0.16 * i:.4f}" for i in range(300)]
+    table = lambda rows: read(tmp_path, "time,surge\n" + "\n".join(rows))  # noqa: E731
+    assert table(rows[:60] + rows[80:100] + rows[60:80] + rows[100:])["surge"][-1] == pytest.approx(47.84)
+    assert table(rows[::-1]).notes == ("300 rows filed last first turned round",)
+    back = [f"{0.01 * i - 0.3 * (i >= 150):.4f},{0.16 * i:.4f}" for i in range(300)]
+    with pytest.raises(InputError, match=r"the clock was set back by 0.29 s at row 152"):
+        table(back)
+    coarse = [f"{0.01 * (i // 10 * 10):.1f},{0.16 * i:.4f}" for i in range(300)]
+    with pytest.raises(
+        InputError, match=r"row 3 repeats the stamp of row 2 with other values \(269 more such: .* enough digits"
+    ):
+        table(coarse)
+
+
 def test_a_header_that_stands_again_is_left_out(tmp_path, plain):
     """A logger that is started again appends to its file."""
     first, *rows = PLAIN.splitlines(keepends=True)
@@ -190,6 +300,9 @@ DATES = {
     ],
     "Zulu": ["2026-01-01T23:59:59.500Z", "2026-01-02T00:00:00.000Z", "2026-01-02T00:00:00.250Z"],
     "German": ["01.02.2026 10:00:59.5", "01.02.2026 10:01:00", "01.02.2026 10:01:00.25"],
+    "Python's logging": ["2026-01-01 23:59:59,500", "2026-01-02 00:00:00,000", "2026-01-02 00:00:00,250"],
+    "American, past the end of a month": ["01/31/2026 23:59:59.5", "02/01/2026 00:00:00", "02/01/2026 00:00:00.25"],
+    "past midnight, the day first": ["01/02/2026 23:59:59.5", "02/02/2026 00:00:00", "02/02/2026 00:00:00.25"],
     "time of day": ["10:00:59.500", "10:01:00.000", "10:01:00.250"],
     "stopwatch": ["00:59.5", "01:00.0", "01:00.25"],
 }
@@ -197,11 +310,11 @@ DATES = {
 
 @pytest.mark.parametrize("kind", DATES)
 def test_times_as_dates(tmp_path, kind):
-    rows = "".join(f"{t},{i}\n" for i, t in enumerate(DATES[kind]))
-    run = read(tmp_path, "timestamp,heave\n" + rows)
+    rows = "".join(f"{t};{i}.5\n" for i, t in enumerate(DATES[kind]))
+    run = read(tmp_path, "timestamp;heave\n" + rows)
     assert run.times == pytest.approx([0, 0.5, 0.75], abs=1e-12) and run.seconds_stated
     with pytest.raises(InputError, match="row 3, column 'timestamp': 'noon' is no time like"):
-        read(tmp_path, "timestamp,heave\n" + rows.replace(DATES[kind][1], "noon"))
+        read(tmp_path, "timestamp;heave\n" + rows.replace(DATES[kind][1], "noon"))
 
 
 def test_rows_in_another_order_and_repeated(tmp_path):
@@ -236,6 +349,8 @@ OTHERS = {
     "gzip": (b"\x1f\x8b\x08" + bytes(50), "compressed; unpack it with `gunzip`"),
     "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(50), "a MATLAB file"),
     "binary": (bytes(range(256)), "row 1: a NUL character"),
+    "pointer": (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+    "page": (b"<!DOCTYPE html>", "a page of HTML"),
     "half of UTF-16": ("\ufefftime,heave\n0,1\n".encode("utf-16-le")[:-1], "not UTF-16-LE text"),
 }
 

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.state import CHANNELS
-from .csv_layout import INPUT, TIME, Column, Layout, find_layout, number, shown, split
+from .csv_layout import INPUT, NOTHING, TIME, Column, Layout, find_layout, number, shown, split
 from .csv_text import read_text
 from .measurement import Array, Run
 from .order import Place, in_order
 
-#: Cells that say "not measured" besides the empty one and those that pandas knows (`nan`, `NA`, `null`, …).
+#: Further cells that say "not measured", as spreadsheets and people write it.
 EMPTY = ("-", "--", "---", "?", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?")
-
 #: ns of a day.
 DAY = 86_400_000_000_000
 
@@ -221,7 +220,9 @@ class _Table:
                     names=range(self.layout.cells),
                     usecols=wanted,
                     dtype=kinds,
-                    na_values=EMPTY,
+                    na_values=[
+                        write(cell) for cell in (*NOTHING, *EMPTY) for write in (str.lower, str.upper, str.title)
+                    ],
                     skip_blank_lines=True,
                     quoting=csv.QUOTE_NONE,
                     engine="c",
@@ -236,7 +237,7 @@ class _Table:
 
     def _name_the_cell(self, columns: list[Column], decimal: str) -> None:
         """Raise InputError for the first cell that is no number. Slow and exact."""
-        empty = {"", "nan", "na", "n/a", "null", "none", "<na>", "#n/a", *(e.lower() for e in EMPTY)}
+        empty = {*NOTHING, *(cell.lower() for cell in EMPTY)}
         separator = "\t" if self.layout.separator == " " else self.layout.separator
         for row, line in self.rows():
             cells = line.split(separator)
@@ -244,7 +245,12 @@ class _Table:
                 cell = cells[column.place].strip() if column.place < len(cells) else ""
                 if cell.lower() not in empty and number(cell, decimal) is None:
                     place = f"{self.file}, row {row}, column '{column.header}'"
-                    raise InputError(f"{place}: {shown(cell)} is not a number; correct it or leave it empty")
+                    if re.fullmatch(r"[+-]?\d{1,3}([.,' ’]\d{3})+([.,]\d*)?", cell):
+                        remedy = "export the numbers without thousands separators"
+                        raise InputError(f"{place}: {shown(cell)} has thousands separators; {remedy}")
+                    remedy = "correct it or " + ("delete the row" if column.name == TIME else "leave it empty")
+                    sign = " with a decimal comma, as the others are" if number(cell) is not None else ""
+                    raise InputError(f"{place}: {shown(cell)} is not a number{sign}; {remedy}")
 
     # -- time
 
@@ -253,7 +259,8 @@ class _Table:
         for _, line in self.rows():
             cells = split(line, "\t" if self.layout.separator == " " else self.layout.separator)
             cell = cells[self.time.place] if self.time.place < len(cells) else ""
-            return cell if re.match(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d+:\d\d", cell) and number(cell) is None else ""
+            dated = re.match(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d+:\d\d|\d{8}[T ]\d", cell)
+            return cell if dated and number(cell) is None else ""
         return ""
 
     def _times(self, times: Array) -> Array:
@@ -270,22 +277,27 @@ class _Table:
         import pandas as pd
 
         text = cells.fillna("").str.strip()
-        if self.layout.decimal == ",":
-            text = text.str.replace(",", ".")
+        text = text.str.replace(r"(?<=\d),(?=\d)", ".", regex=True)
         first = text.iloc[0]
         if re.match(r"\d+:", first):
             times = _times_of_day(text)
-        elif re.match(r"\d{4}-", first):
+        elif re.match(r"\d{4}-|\d{8}[T ]", first):
             times = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce").dt.as_unit("ns")
         else:
-            times = pd.to_datetime(text, format="mixed", dayfirst=True, utc=True, errors="coerce").dt.as_unit("ns")
+            read = [
+                pd.to_datetime(text, format="mixed", dayfirst=first, utc=True, errors="coerce").dt.as_unit("ns")
+                for first in (True, False)
+            ]
+            times = min(read, key=lambda t: t.max() - t.min())  # 01/02 and 02/02 are a day apart, not a month
         if times.isna().any():
             i = int(times.isna().to_numpy().argmax())
             if not text.iloc[i]:
                 raise InputError(f"{self.file}, row {self.row(i)}: no time; fill it in or delete the row")
-            raise self.error(
-                i, self.time, f"{shown(text.iloc[i])} is no time like {shown(first)}; correct it or delete the row"
-            )
+            if i == 0:
+                remedy = "write it as 2026-01-31T10:00:00.5, or in seconds"
+                raise self.error(i, self.time, f"{shown(first)} is no time that is read; {remedy}")
+            remedy = "correct it or delete the row"
+            raise self.error(i, self.time, f"{shown(text.iloc[i])} is no time like {shown(first)}; {remedy}")
         stamps = times.astype("int64").to_numpy()
         past = (
             np.concatenate([[0], np.cumsum(np.diff(stamps) < -DAY // 2)])

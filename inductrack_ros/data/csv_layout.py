@@ -17,11 +17,25 @@ TIME = "time"
 #: Before the name of a column that is read for the model's sake, not as a channel.
 INPUT = "input:"
 #: Other names of the time.
-_TIME_NAMES = ("t", "timestamp", "time_stamp", "stamp", "zeit", "temps")
+_TIME_NAMES = (
+    "t timestamp time_stamp stamp zeit temps datetime date_time elapsed elapsed_time relative_time rel_time seconds"
+).split()
+#: What stands in a time's header like a unit and says how its dates are written, or where their clock is.
+_DATED = re.compile(r"(utc|gmt|local|iso).*|.*(hh?\W?mm|yyyy).*", re.IGNORECASE)
 #: Rows in which the header is looked for.
 HEAD = 200
+#: Rows below the header that may say more about the columns, such as their units.
+WORDS = 5
+#: Cells that say "not measured", in small letters.
+NOTHING = ("", "nan", "na", "n/a", "n.a.", "null", "none", "<na>", "#n/a")
+#: Bytes by which the decimal sign is told.
+SAMPLE = 20_000
 #: Between cells, the likelier first; a blank stands for any number of blanks and tabs.
 SEPARATORS = (",", ";", "\t", "|", " ")
+#: Numbers with a comma, with a point, and with commas where those of thousands would stand.
+_COMMA = re.compile(r"[+-]?[\d.]*,[\d.,]*([eE][+-]?\d+)?", re.ASCII)
+_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?", re.ASCII)
 COMMENT = re.compile(r"\s*(#|%|//)")
 
 
@@ -57,9 +71,9 @@ def find_layout(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
     """
     row, text, separator, start = _header(file, data, inputs, notes)
     names = split(text, separator)
-    body_row, units, body_start = _units_row(data, row + 1, start, separator)
+    body_row, units, body_start = _below(data, row + 1, start, separator, notes)
     columns = _judge(file, row, names, units, inputs, notes)
-    decimal = decimal_sign(data[body_start : body_start + 20_000].decode(errors="replace"), separator)
+    decimal = _decimal(file, body_row, data, body_start, separator)
     again = re.compile(rb"(?m)^" + re.escape(text.strip().encode()) + rb"[ \t\r]*$")
     return Layout(separator, decimal, len(names), columns, body_row, body_start, again)
 
@@ -164,20 +178,38 @@ def parts(header: str) -> tuple[str, str]:
 
 def _plain(name: str) -> str:
     """A name in our spelling: `Surge Rate` → `surge_rate`."""
-    name = re.sub(r"[\s\-]+", "_", name.strip().strip("\"'").lower())
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.strip().strip("\"'_"))
+    name = re.sub(r"[\s\-]+", "_", name.lower())
     return TIME if name in _TIME_NAMES else name
 
 
-def _units_row(data: bytes, row: int, start: int, separator: str) -> tuple[int, list[str], int]:
-    """The row where data begin, the units in a row of their own (or none), and the byte of that first row."""
-    end = data.find(b"\n", start)
-    text = data[start : max(end, start)].decode(errors="replace")
-    cells = split(text, separator) if text.strip() else []
-    bare = [cell.strip("[](){}<> ") for cell in cells]
-    known = [any_factor(unit) is not None for unit in bare if unit not in ("", "-", "1")]
-    if known and any(known) and all(number(cell) is None for cell in cells if cell):
-        return row + 1, bare, end + 1
-    return row, [], start
+def _below(data: bytes, row: int, start: int, separator: str, notes: list[str]) -> tuple[int, list[str], int]:
+    """The row where data begin, the units in a row of their own (or none), and the byte of that first row. Rows of
+    words, which describe the columns, are left out."""
+    units: list[str] = []
+    passed = 0
+    for _ in range(WORDS):
+        end = data.find(b"\n", start)
+        cells = split(data[start : max(end, start)].decode(errors="replace"), separator)
+        if end < 0 or not _wordy(cells):
+            break
+        bare = [cell.strip("[](){}<> ") for cell in cells]
+        if not units and any(any_factor(unit) is not None for unit in bare if unit not in ("-", "1")):
+            units = bare
+        else:
+            passed += 1
+        row, start = row + 1, end + 1
+    if passed:
+        notes.append(f"{passed} row{'' if passed == 1 else 's'} of words below the header left out")
+    return row, units, start
+
+
+def _wordy(cells: list[str]) -> bool:
+    """Whether a row holds words and nothing that could be measured, or stand for what was not."""
+    words = [cell for cell in cells if cell]
+    return any(re.search(r"[^\W\d]|[°%]", cell) for cell in words) and not any(
+        number(cell) is not None or re.match(r"[\d+.]|-\W*\d", cell) or cell.lower() in NOTHING for cell in words
+    )
 
 
 # ---------------------------------------------------------------- the columns
@@ -193,6 +225,8 @@ def _judge(
     for place, header in enumerate(names):
         name, unit = _base(header)
         unit = unit or (units[place] if place < len(units) else "")
+        if name == TIME and _DATED.fullmatch(unit):
+            unit = ""
         asked = header if header in wanted else parts(header)[0]
         if asked in wanted:
             unit = unit or parts(header)[1]
@@ -202,7 +236,9 @@ def _judge(
         elif name not in (TIME, *CHANNELS) or header != name and name in exact:
             left.append((place, header))
         elif name in columns:
-            raise InputError(f"{where}: column '{name}' stands there twice; delete one")
+            raise InputError(
+                f"{where}: two columns hold {name}, {shown(columns[name].header)} and {shown(header)}; keep one"
+            )
         else:
             columns[name] = Column(place, name, header, _factor(where, name, unit), unit)
     for text in wanted:
@@ -212,7 +248,9 @@ def _judge(
     _typing_errors(where, [h for _, h in left], columns)
     if TIME not in columns:
         blanks = "; columns must be separated by commas, semicolons, tabs or blanks" if len(names) == 1 else ""
-        raise InputError(f"{where}: column '{TIME}' is missing; add the time of each row in seconds{blanks}")
+        named = "; ".join(shown(n) for n in names[:6] if n)
+        meant = f"name the column that holds it so (there are {named})" if len(names) > 1 and named else "add it"
+        raise InputError(f"{where}: column '{TIME}' is missing, the time of each row in seconds; {meant}{blanks}")
     if len(columns) == 1:
         raise InputError(f"{where}: no channel beside '{TIME}'; add at least one of {', '.join(CHANNELS)}")
     said = [
@@ -244,32 +282,59 @@ def _typing_errors(where: str, left: list[str], columns: dict[str, Column]) -> N
     for header in left:
         near = did_you_mean(_plain(header), [c for c in (TIME, *CHANNELS) if c not in columns])
         meant = re.fullmatch(r"; did you mean '(.*)'\?", near)
-        if meant and _distance(_plain(header), meant[1]) <= (1 if len(meant[1]) < 8 else 2):
+        if meant and _mistyped(_plain(header), meant[1]):
             raise InputError(f"{where}: unknown column {shown(header)}{near}")
 
 
-def _distance(a: str, b: str) -> int:
-    """Letters to be put in, taken out or exchanged to make one word the other."""
-    row = list(range(len(b) + 1))
-    for i, x in enumerate(a, 1):
-        above, row[0] = row[0], i
-        for j, y in enumerate(b, 1):
-            above, row[j] = row[j], min(row[j] + 1, row[j - 1] + 1, above + (x != y))
-    return row[-1]
+def _mistyped(a: str, b: str) -> bool:
+    """Whether one letter too many, too few or wrong, or two neighbours exchanged, make one word the other."""
+    if len(a) == len(b):
+        off = [i for i, (x, y) in enumerate(zip(a, b, strict=True)) if x != y]
+        return len(off) == 1 or (
+            len(off) == 2 and off[1] == off[0] + 1 and a[off[0]] + a[off[1]] == b[off[1]] + b[off[0]]
+        )
+    short, long = sorted((a, b), key=len)
+    return any(long[:i] + long[i + 1 :] == short for i in range(len(long)))
 
 
 # ---------------------------------------------------------------- cells
 
 
-def decimal_sign(sample: str, separator: str) -> str:
-    """The decimal sign in the first rows."""
-    if separator == ",":
-        return "," if re.search(r'"[+-]?\d*,\d+([eE][+-]?\d+)?"', sample) else "."
-    return "," if re.search(r"(^|[^\d.])[+-]?\d*,\d", sample) else "."
+def decimal_sign(file: Path, row: int, text: str, separator: str) -> str:
+    """The decimal sign in some rows, the first of which is ``row``.
+
+    Raises InputError, naming file and row, where a comma stands between thousands or may do so.
+    """
+    cells = [cell.strip(' "') for cell in re.split(f"[{re.escape(separator)}\n]", text)]
+    quoted = re.findall(r'"([^"\n]*)"', text)
+    commas = [cell for cell in (quoted if separator == "," else cells) if _COMMA.fullmatch(cell)]
+    if not commas:
+        return "."
+    thousands = [cell for cell in commas if _THOUSANDS.fullmatch(cell)]
+    points = any(_POINT.fullmatch(cell) for cell in cells) or any("." in cell for cell in thousands)
+    if not thousands or (len(thousands) < len(commas) and not points):
+        return ","
+    what = "has a comma between thousands" if points else "has a comma that is a decimal one or between thousands"
+    row += text.count("\n", 0, text.index(thousands[0]))
+    remedy = "export the numbers without thousands separators and with decimal points"
+    raise InputError(f"{file}, row {row}: {thousands[0]!r} {what}; {remedy}")
+
+
+def _decimal(file: Path, row: int, data: bytes, start: int, separator: str) -> str:
+    """The decimal sign of a table: by its first rows, or by the first that hold one."""
+    sample = data[start : start + SAMPLE]
+    mark = b'"' if separator == "," else b","
+    if mark not in sample and b"." not in sample and (at := data.find(mark, start)) >= 0:
+        begin = max(data.rfind(b"\n", start, at) + 1, start)
+        row += data.count(b"\n", start, begin)
+        sample = data[begin : begin + SAMPLE]
+    return decimal_sign(file, row, sample.decode(errors="replace"), separator)
 
 
 def number(cell: str, decimal: str = ".") -> float | None:
     """A cell's number; None where it is none. An underscore and foreign digits make none, as for pandas."""
+    if decimal != "." and "." in cell:
+        return None
     if re.fullmatch(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", cell.replace(decimal, "."), re.ASCII):
         return float(cell.replace(decimal, "."))
     return {"nan": float("nan"), "inf": float("inf")}.get(cell.strip().lower().lstrip("+-"))

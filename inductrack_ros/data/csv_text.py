@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import codecs
+import re
 from pathlib import Path
+
+import numpy as np
 
 from ..core.errors import InputError
 
@@ -21,8 +24,18 @@ OTHERS = (
     (b"PAR1", "a Parquet file; export it as CSV"),
     (b"TDSm", "a LabVIEW TDMS file; export it as CSV"),
     (b"MDF ", "an MDF file; export it as CSV"),
+    (b"version https://git-lfs", "a pointer of Git LFS; fetch the file itself with `git lfs pull`"),
+    (b"<", "a page of HTML or XML; export the table as CSV"),
+    (b"{", "JSON; export it as CSV"),
     (b"ULog", "a PX4 log; export it with `ulog2csv`"),
 )
+#: What is no part of a table (a byte-order mark, also where files were joined), and blanks and a minus as typesetters
+#: write them, each with what stands for it.
+TYPESET = ((codecs.BOM_UTF8, b""), ("\u00a0".encode(), b" "), ("\u202f".encode(), b" "), ("\u2212".encode(), b"-"))
+#: Bytes by which an encoding without a mark is told.
+HEAD = 4096
+#: A quoted cell that goes over several lines, and no further than that.
+_QUOTED = re.compile(rb'((?<![^,;|\t\n])"(?:[^"\n]|"")*(?:\n(?:[^"\n]|"")*){1,20}"(?![^,;|\t\n]))')
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
     (codecs.BOM_UTF32_LE, "utf-32-le"),
@@ -48,6 +61,11 @@ def read_text(file: Path, notes: list[str]) -> bytes:
         if data.startswith(head):
             raise InputError(f"{file}: is no CSV but {what}")
     data = _utf8(file, data, notes)
+    for typed, meant in TYPESET:
+        data = data.replace(typed, meant)
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = _without_tail(data, notes)
     if not data.strip():
         raise InputError(f"{file}: empty; it needs a header that names the columns, and rows of numbers")
     if b"\0" in data:
@@ -55,25 +73,62 @@ def read_text(file: Path, notes: list[str]) -> bytes:
             f"{file}, row {_row(data, data.index(0))}: a NUL character, which no text holds; copy or export the file"
             " again"
         )
-    if b"\r" in data:
-        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return data if data.endswith(b"\n") else data + b"\n"
+    data = data if data.endswith(b"\n") else data + b"\n"
+    return _joined(data) if b'"' in data else data
+
+
+def _joined(data: bytes) -> bytes:
+    """The text with every quoted cell on one line; the line ends that stood in it follow its row, so that rows keep
+    their numbers."""
+    text = np.frombuffer(data, np.uint8)
+    ends = np.searchsorted(np.flatnonzero(text == ord('"')), np.flatnonzero(text == ord("\n")))
+    if not (ends % 2).any():
+        return data
+    moved = 0
+    lines: list[bytes] = []
+    for part in _QUOTED.split(data):  # what stands between quoted cells of several lines, and these
+        if _QUOTED.fullmatch(part):
+            lines.append(part.replace(b"\n", b" "))
+            moved += part.count(b"\n")
+        elif moved and b"\n" in part:
+            head, _, rest = part.partition(b"\n")
+            lines.append(head + b"\n" * (moved + 1) + rest)
+            moved = 0
+        else:
+            lines.append(part)
+    return b"".join(lines)
+
+
+def _without_tail(data: bytes, notes: list[str]) -> bytes:
+    """The text without what a recorder leaves behind it: blocks of NUL that it reserved and did not fill, with the row
+    that it did not finish; and the Ctrl-Z of DOS."""
+    whole = data.rstrip(b"\0")
+    if whole == data:
+        return data.removesuffix(b"\x1a")
+    notes.append(f"{len(data) - len(whole)} NUL characters at the end left out: the recording was cut off")
+    return whole[: whole.rfind(b"\n") + 1]
 
 
 def _utf8(file: Path, data: bytes, notes: list[str]) -> bytes:
     for mark, encoding in _MARKS:
         if data.startswith(mark):
             return _recoded(file, data[len(mark) :], encoding)
-    if len(data) >= 4 and data[1] == 0 and data[3] == 0 and data[0] and data[2]:
-        return _recoded(file, data, "utf-16-le")
-    if len(data) >= 4 and data[0] == 0 and data[2] == 0 and data[1] and data[3]:
-        return _recoded(file, data, "utf-16-be")
+    if encoding := _unmarked(data[:HEAD]):
+        return _recoded(file, data, encoding)
     try:
         data.decode("utf-8")
         return data
     except UnicodeDecodeError:
         notes.append("not UTF-8: read as Windows-1252")
         return data.decode("cp1252", errors="replace").encode()
+
+
+def _unmarked(head: bytes) -> str:
+    """UTF-16 without its mark, by the bytes of 0 that most letters have and no other text; empty for none."""
+    for zeros, others, encoding in ((1, 0, "utf-16-le"), (0, 1, "utf-16-be")):
+        if head[zeros::2].count(0) > len(head) / 4 and not head[others::2].count(0):
+            return encoding
+    return ""
 
 
 def _recoded(file: Path, data: bytes, encoding: str) -> bytes:

@@ -17,6 +17,9 @@ from .measurement import Array
 OUT_OF_ORDER = 0.5
 #: Stamps of 0 this long (s) before all others were given before the clock ran.
 BEFORE_THE_CLOCK = 10.0
+#: Values that go this many times as far, to and fro, in the order of their stamps as in that of their filing: the clock
+#: was set back, and nothing was filed late.
+TORN = 3.0
 
 
 @dataclass(frozen=True)
@@ -52,13 +55,23 @@ def in_order(
     if zero.any() and _before_the_clock(stamps[~zero], second):
         index = index[~zero]
         notes.append(f"{place.counted(int(zero.sum()))} stamped 0 left out: the clock did not run yet")
+    if len(index) > 2 and (np.diff(stamps[index]) < 0).all():
+        index = index[::-1]
+        notes.append(f"{place.counted(len(index))} filed last first turned round")
     late = np.maximum.accumulate(stamps[index]) - stamps[index]
     if late.max() > OUT_OF_ORDER * second:
         i = int(np.argmax(late > OUT_OF_ORDER * second))
         back, name = late[i] / second, place.name(int(index[i]))
         raise InputError(f"{place.where}: {name} is stamped {back:.6g} s earlier than one before it; {place.remedy}")
     if late.any():
-        index = index[np.argsort(stamps[index], kind="stable")]
+        filed, index = index, index[np.argsort(stamps[index], kind="stable")]
+        if _torn(columns, filed, index):
+            i = int(np.argmax(late > 0))
+            back, name = late[i] / second, place.name(int(filed[i]))
+            raise InputError(
+                f"{place.where}: the clock was set back by {back:.3g} s at {name}: the samples fit each other as they"
+                f" are filed, not as they are stamped; {place.remedy}"
+            )
         notes.append(f"{place.counted(int((late > 0).sum()))} filed out of order sorted by their stamps")
     same = np.flatnonzero(np.diff(stamps[index]) == 0)
     if len(same):
@@ -69,13 +82,27 @@ def in_order(
             equal &= (a == b) | (np.isnan(a) & np.isnan(b))
         if not equal.all():
             i = int(np.argmin(equal))
+            others = int((~equal).sum()) - 1
+            more = f" ({others} more such: are the times written with enough digits?)" if others else ""
             raise InputError(
                 f"{place.where}: {place.name(int(later[i]))} repeats the stamp of {place.name(int(earlier[i]))} with"
-                f" other values; {place.remedy}"
+                f" other values{more}; {place.remedy}"
             )
         index = np.delete(index, same + 1)
         notes.append(f"{place.counted(len(same))} that repeat{'s' if len(same) == 1 else ''} another exactly left out")
     return index, notes
+
+
+def _torn(columns: Sequence[Array], filed: NDArray[np.intp], in_time: NDArray[np.intp]) -> bool:
+    """Whether sorting tore some column to pieces, so that its clock was set back and nothing filed late."""
+    moved = filed != in_time
+    beside = moved[:-1] | moved[1:]
+    for column in columns:
+        a, b = (np.abs(np.diff(column[order])[beside]) for order in (filed, in_time))
+        with np.errstate(over="ignore", invalid="ignore"):
+            if np.nansum(b) > TORN * np.nansum(a) > 0.0:
+                return True
+    return False
 
 
 def _before_the_clock(others: Array | NDArray[np.int64], second: float) -> bool:

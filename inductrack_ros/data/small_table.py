@@ -30,7 +30,7 @@ def read_small_table(
         raise InputError(f"{file}: no table; it needs a header with {', '.join(units)}")
     row, head = lines[0]
     separator = max(SEPARATORS, key=lambda s: sum(parts(name)[0].lower() in units for name in split(head, s)))
-    decimal = decimal_sign("\n".join(line for _, line in lines[1:20]), separator)
+    decimal = decimal_sign(file, row + 1, "\n".join(line for _, line in lines[1:20]), separator)
     names, factors = [], []
     headers = split(head, separator)
     for header in headers[:-1] if not headers[-1] else headers:

@@ -22,12 +22,13 @@ _ANGLES = {f"{p}rad": _PREFIXES[p] for p in ("", "m", "µ", "u")} | dict.fromkey
 )
 _TIMES = {f"{p}s": _PREFIXES[p] for p in ("", "m", "µ", "u", "n")}
 _TIMES |= dict.fromkeys(("sec", "second"), 1.0) | {"msec": 1e-3, "usec": 1e-6, "nsec": 1e-9, "min": 60.0, "h": 3600.0}
+_TIMES |= dict.fromkeys(("d", "day"), 86400.0)
 _CURRENTS = {f"{p}A": _PREFIXES[p] for p in ("", "k", "m")}
 _TABLES = {"m": _LENGTHS, "rad": _ANGLES, "s": _TIMES, "A": _CURRENTS}
 _SPECIAL = {
-    "m/s": {"kph": 1 / 3.6, "kmh": 1 / 3.6, "mps": 1.0},
+    "m/s": {"kph": 1 / 3.6, "kmh": 1 / 3.6, "mps": 1.0, "mph": 0.44704},
     "rad/s": {"rpm": math.pi / 30},
-    "m/s²": {"g": 9.80665, "mg": 9.80665e-3},
+    "m/s²": {"g": 9.80665, "mg": 9.80665e-3, "m/s/s": 1.0},
 }
 #: Unit of every column that a run may have.
 SI = {"time": "s", "drive_current": "A"} | {c: UNITS[c] for c in CHANNELS}
