@@ -15,7 +15,7 @@ from inductrack_ros.checks.local import predictions
 from inductrack_ros.cli import main
 from inductrack_ros.compare import compare
 from inductrack_ros.core.errors import InputError
-from inductrack_ros.core.model import Model
+from inductrack_ros.core.model import Model, Pulses
 from inductrack_ros.core.state import CHANNELS
 from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
 from inductrack_ros.diagnosis.add import add_effect
@@ -488,6 +488,18 @@ def test_noise_that_is_not_as_stated(factor, severity, pose, model):
     (found,) = look(stated, model)
     assert (found.kind, found.channel, found.severity) == ("noise_differs", "sway", severity)
     assert found.size["ratio"] == pytest.approx(1 / factor, rel=0.1)
+
+
+def test_pulses_of_the_drive_are_no_noise_of_an_accelerometer():
+    model = Model.create(drive="pulses")
+    start, times, coils = model.initial_state(surge_rate=17.0), np.arange(301) * 2e-3, np.arange(160)
+    pulses = Pulses(coils * model.parameters["wavelength"] / 2 / 17.0, coils, np.full(160, 7000.0))
+    flight, rng = model.simulate(times, start, pulses=pulses), np.random.default_rng(3)
+    values = np.column_stack([flight[c] + NOISE[c] * rng.standard_normal(301) for c in POSE_AND_IMU])
+    run = Run("a", Path("a"), POSE_AND_IMU, times, values, times, 0.0, pulses=pulses)
+    assert np.ptp(flight["surge_acceleration"]) > 100 * NOISE["surge_acceleration"]
+    look_at = Campaign("rig", Path("rig"), (run,), {c: NOISE[c] for c in POSE_AND_IMU})
+    assert not [f for f in look(look_at, model) if f.channel == "surge_acceleration"]
 
 
 def test_a_variance_given_as_standard_deviation_is_named(pose, model):
