@@ -4,7 +4,7 @@
 One Python module is written per set of effects: the statements of `equations`, a call of each effect after the
 statement that gives what it changes, and the text of `integrator`; then the statements alone and the text of `lanes`.
 numba compiles it once and keeps the result on disk under a hash of everything that went in, so a changed effect is a
-new module and never a stale one.
+new module and never a stale one. A model with single coils has a kernel of its own, with the texts of `coils` behind.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ import ast
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import ModuleType
 
 import numpy as np
 
 from . import compiled, equations, integrator, lanes
+from .coils import circuits, flight
+from .coils.seam import SEAM, TAKEN
 from .compiled import function_name, mark, place_of
 from .effects import FORCES, Effect, Part
 from .errors import InputError, did_you_mean
@@ -31,9 +33,13 @@ QUANTITIES = (
     "repulsion_top", "repulsion_right", "repulsion_left", "normal_top", "normal_right", "normal_left",
     "magnetic_drag", "thrust", "force_surge", "force_sway", "force_heave", "moment_roll",
     "arm_top_x", "arm_right_x", "arm_right_y", "arm_left_x", "arm_left_y", "overlap", "current_lift", "current_drag",
+    "eta", "peak_field", "inductance", "resistance", "width_top", "width_right", "width_left",
 )  # fmt: skip
 #: Longest free step over the field's time scale, and contact step over the contact's: set by the golden trajectories.
 FREE_STEP, CONTACT_STEP = 0.14, 0.4
+
+#: What a kernel for single coils has besides.
+COIL_FUNCTIONS = ("simulate_coils", "forces_now", "follow_coils")
 
 _FLAGS = ("averaged", "touching_top", "touching_right", "touching_left")
 _MOMENT = ("time", "travel", "pulse_current", "averaged", "touching_top", "touching_right", "touching_left")
@@ -46,7 +52,9 @@ class Kernel:
     ``parameters`` names the entries of the parameter vector P, ``states`` those of the state vector, ``effects`` the
     entries of the switch vector ``on``. Where ``dx`` has room behind the rates, `evaluate` writes there where the
     effects' states start. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces`` and ``evaluate`` are
-    `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call."""
+    `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call. ``coils`` are the
+    functions of a track of single coils, where it was built for one: `coils.flight.simulate_coils` and `forces_now`,
+    `coils.circuits.follow_coils`, by name."""
 
     effects: tuple[str, ...]
     parameters: tuple[str, ...]
@@ -57,6 +65,7 @@ class Kernel:
     evaluate: Callable
     fly: Callable
     source: str
+    coils: Mapping[str, Callable] = field(default_factory=dict)
 
 
 def _assigned(statement: ast.stmt) -> set[str]:
@@ -303,16 +312,34 @@ def _lanes_text() -> str:
     return "\n".join([*constants, mark(text, "cache=True", "fly")])
 
 
-_built: dict[tuple[int, ...], tuple[list[Effect], Kernel]] = {}  # by identity of the effects, which it keeps alive
+def _coils_text(column: dict[str, int]) -> str:
+    """Text of single coils, to stand behind `integrator`'s."""
+    constants = {"SEAM": column[f"{SEAM.name}.{next(iter(SEAM.parameters))}"]}
+    constants |= {f"Q_{name.upper()}": QUANTITIES.index(name) for name in TAKEN}
+    inner = (
+        "spline_weights", "field_rows", "see_field", "first_coil", "move_window", "coil_equations", "solve_band",
+        "coil_forces", "stored_energy", "heat_and_work", "enter", "leave", "step_coils", "coil_step_size",
+        "coil_surroundings",
+    )  # fmt: skip
+    text = "\n".join(["", inspect.getsource(circuits), "", inspect.getsource(flight)])
+    text = mark(mark(text, "_nrt=False", *inner), "cache=True", *COIL_FUNCTIONS)
+    return "\n".join([*(f"{name} = {value}" for name, value in constants.items()), text])
 
 
-def build(effects: Mapping[str, Effect], announce: Callable[[str], None] | None = None) -> Kernel:
-    """The kernel for these effects (sensor effects have no place in it and are passed over).
+#: by identity of the effects, which it keeps alive
+_built: dict[tuple[int, ...], tuple[list[Effect], Kernel]] = {}
+
+
+def build(
+    effects: Mapping[str, Effect], announce: Callable[[str], None] | None = None, single_coils: bool = False
+) -> Kernel:
+    """The kernel for these effects (sensor effects have no place in it and are passed over), with ``single_coils`` one
+    for a track of those.
 
     Compiles on first use and tells ``announce`` so; later starts load machine code from the cache. Raises
     `InputError` for an effect that asks for what is not there or that numba cannot compile.
     """
-    items = [e for e in effects.values() if not e.of_sensor]
+    items = [e for e in effects.values() if not e.of_sensor] + ([SEAM] if single_coils else [])
     identity = tuple(map(id, items))
     if identity not in _built:
         _built[identity] = items, _build(items, announce)
@@ -330,12 +357,14 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
                 raise InputError(
                     f"{place_of(item)}: a state starts on '{start}', which is not there{did_you_mean(start, STARTS)}"
                 )
-    text = _module_text(items, column, 8 + len(carried))
+    with_coils = SEAM in items
+    text = _module_text(items, column, 8 + len(carried)) + (_coils_text(column) if with_coils else "")
 
     def kernel(module: ModuleType) -> Kernel:
         return Kernel(
             tuple(e.name for e in items), tuple(names), STATES + tuple(carried),
             module.simulate_batch, module.simulate_pieces, module.linearise_pieces, module.evaluate, module.fly, text,
+            {name: getattr(module, name) for name in COIL_FUNCTIONS} if with_coils else {},
         )  # fmt: skip
 
     return kernel(compiled.load(text, items, lambda module: _warm_up(kernel(module)), _FLAGS, announce))
@@ -346,10 +375,22 @@ def _warm_up(kernel: Kernel) -> None:
     n = len(kernel.states)
     P = np.array([PARAMETERS[p].default if p in PARAMETERS else 1.0 for p in kernel.parameters])
     on, moving, none = np.zeros((1, len(kernel.effects)), np.bool_), np.ones(4), np.empty(0)
-    kernel.evaluate(
-        0.0, np.zeros(n), P, on[0], moving, 0.0, True, none, none, none, np.zeros(n), np.zeros(len(QUANTITIES))
+    dx, q = np.zeros(n), np.zeros(len(QUANTITIES))
+    kernel.evaluate(0.0, np.zeros(n), P, on[0], moving, 0.0, True, none, none, none, dx, q)
+    if kernel.coils:
+        _warm_up_coils(kernel, P, (on[0], moving, 0.0, True, none, none, none, 1.0), q)
+        return
+    start, out = np.zeros((1, n)), np.zeros((1, 1, 15))
+    kernel.simulate_batch(np.zeros(1), 0.0, start, P[None], on, moving, np.zeros(1), True, none, none, none, 1.0, out)
+
+
+def _warm_up_coils(kernel: Kernel, P: np.ndarray, arguments: tuple, q: np.ndarray) -> None:
+    """The same for the functions of single coils, on two coils that no field reaches."""
+    time, gaps, tail, none = np.zeros(1), np.zeros((1, 3)), np.zeros(3), np.empty(0)
+    track = np.zeros((4, 4)), np.ones(8), none, none, none
+    state, out = np.zeros(len(kernel.states)), np.zeros((1, 15))
+    kernel.coils["simulate_coils"](time, 0.0, state, tail, P, *arguments, track, out)
+    kernel.coils["forces_now"](0.0, q, track, tail, np.zeros(4))
+    kernel.coils["follow_coils"](
+        time, time, gaps, np.ones(3), 1.0, (1.0, 1.0), track, tail, np.zeros((1, 4)), np.zeros((1, 3))
     )
-    kernel.simulate_batch(
-        np.zeros(1), 0.0, np.zeros((1, n)), P[None], on, moving, np.zeros(1), True, none, none, none, 1.0,
-        np.zeros((1, 1, 15)),
-    )  # fmt: skip

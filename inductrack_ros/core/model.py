@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,9 +15,12 @@ import numpy as np
 import yaml
 
 from . import kernel as kernels
+from .coils.seam import SEAM, averaged_change
+from .coils.settings import coil_track
+from .coils.track import Coils
 from .effects import Effect, load_effects, split_name
 from .errors import InputError, did_you_mean
-from .options import DRIVES, MODEL_OPTIONS, is_of_the_node
+from .options import COIL_OPTIONS, DRIVES, MODEL_OPTIONS, TRACKS, is_of_the_node
 from .parameter_files import blocks_for, merged, shared_names
 from .parameters import PARAMETERS, check_parameters
 from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES, as_dof
@@ -75,7 +78,9 @@ class Model:
     ``parameters`` holds every entry of `parameters.PARAMETERS`; ``effects`` maps each active effect's full name
     (``sensor_bias:sway`` for a sensor's) to its parameters; ``dof`` is 1, 2, 4 or names of the coordinates that move;
     ``drive`` is ``averaged`` or ``pulses``; ``conditions`` are numbers of a run that effects ask for
-    (``track_temperature``), which hold where a run has none of its own."""
+    (``track_temperature``), which hold where a run has none of its own. ``track`` is ``averaged`` or ``coils``, single
+    coils by ``coil_options`` (names of `options.COIL_OPTIONS` and ``track_length``): these can be simulated, and
+    nothing else; a state then goes on with the coils' currents behind those of effects."""
 
     parameters: Mapping[str, float]
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -83,6 +88,8 @@ class Model:
     drive: str = "averaged"
     effect_files: tuple[str, ...] = ()
     conditions: Mapping[str, float] = field(default_factory=dict)
+    track: str = "averaged"
+    coil_options: Mapping[str, object] = field(default_factory=dict)
 
     # -- making one ---------------------------------------------------------------------------------------------
 
@@ -96,6 +103,8 @@ class Model:
         effect_files: Iterable[str | Path] = (),
         where: str = "",
         conditions: Mapping[str, object] | None = None,
+        track: str = "averaged",
+        coil_options: Mapping[str, object] | None = None,
     ) -> Model:
         """A checked model. ``effects`` are names, or a mapping from names to parameter values. Raises `InputError`."""
         place = f"{where}: " if where else ""
@@ -104,6 +113,8 @@ class Model:
             raise InputError(f"{place}dof = {dof!r:.60}; it must be 1, 2, 4 or a list of {', '.join(COORDINATES)}")
         if drive not in DRIVES:
             raise InputError(f"{place}drive = {drive!r:.60}; it must be 'averaged' or 'pulses'")
+        if track not in TRACKS:
+            raise InputError(f"{place}track = {track!r:.60}; it must be 'averaged' or 'coils'")
         files = tuple(os.path.abspath(os.path.expanduser(f)) for f in effect_files)  # a saved model may go elsewhere
         known = load_effects(files)
         given = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
@@ -121,18 +132,21 @@ class Model:
                     f"{place}effect '{name}' belongs to the {item.only} drive; with drive: {drive} the pulses"
                     " themselves show it"
                 )
+            if track == "coils" and (changed := averaged_change(item)):
+                raise InputError(
+                    f"{place}effect '{name}' changes {changed}, which only the averaged track has; leave it out with"
+                    " track: coils"
+                )
             checked[name] = {
                 p: declared.check(f"{name}.{p}", values.get(p, declared.default), where)
                 for p, declared in item.parameters.items()
             }
-        return cls(
-            check_parameters(parameters or {}, where),
-            checked,
-            moving,
-            drive,
-            files,
-            _check_conditions(conditions or {}, known, place),
-        )
+        numbers = check_parameters(parameters or {}, where)
+        options = dict(coil_options or {}) if track == "coils" else {}
+        if track == "coils":
+            coil_track(options, numbers, where)
+        asked = _check_conditions(conditions or {}, known, place)
+        return cls(numbers, checked, moving, drive, files, asked, track, options)
 
     @classmethod
     def default(cls) -> Model:
@@ -167,19 +181,23 @@ class Model:
         folder: Path | None = None,
         shared: Collection[str] = (),
     ) -> Model:
-        """A model from flat names: ``eta``, ``dof``, ``drive``, ``effects``, ``effect_files``,
-        ``<effect>.<parameter>``, ``conditions.<name>``.
+        """A model from flat names: ``eta``, ``dof``, ``drive``, ``track`` and its options, ``effects``,
+        ``effect_files``, ``<effect>.<parameter>``, ``conditions.<name>``.
 
         Names in ``shared`` were given to nodes of any name: one that no model has is passed over, and said.
         """
         place = f"{where}: " if where else ""
         values = dict(values)
         dof, drive = values.pop("dof", 4), values.pop("drive", "averaged")
+        track, on_track = values.pop("track", "averaged"), ("track_length", *COIL_OPTIONS)
+        coil_options = {n: values.pop(n) for n in on_track if n in values}
         names = _text_list(values.pop("effects", []), "effects", place)
         files = [
             beside(folder, f) if folder else f
             for f in _text_list(values.pop("effect_files", []), "effect_files", place)
         ] + [str(f) for f in extra_files]
+        if unused := [n for n in coil_options if track == "averaged" and n in COIL_OPTIONS]:
+            _announce(f"warning: {place}without track: coils these say nothing: {', '.join(unused)}")
         known = load_effects(files)
         foreign = [n for n in values if n in shared and not is_of_the_node(n) and not _of_a_model(n, known)]
         if foreign:
@@ -206,7 +224,7 @@ class Model:
         for key in base:
             if key not in PARAMETERS:
                 raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, [*PARAMETERS, *MODEL_OPTIONS])}")
-        return cls.create(base, effects, dof, drive, files, where, conditions)
+        return cls.create(base, effects, dof, drive, files, where, conditions, track, coil_options)
 
     def with_changes(
         self,
@@ -223,6 +241,8 @@ class Model:
                 "drive": self.drive,
                 "effect_files": self.effect_files,
                 "conditions": self.conditions,
+                "track": self.track,
+                "coil_options": self.coil_options,
                 **others,
             },
         )
@@ -231,6 +251,8 @@ class Model:
         """Flat names and values, as `from_mapping` reads them."""
         dof = list(self.dof) if isinstance(self.dof, tuple) else self.dof
         flat: dict[str, object] = {"dof": dof, "drive": self.drive, **self.parameters, "effects": list(self.effects)}
+        if self.track != "averaged":
+            flat |= {"track": self.track, **self.coil_options}
         if self.effect_files:
             flat["effect_files"] = list(self.effect_files)
         flat |= {CONDITIONS + name: value for name, value in self.conditions.items()}
@@ -268,15 +290,39 @@ class Model:
         """The catalogue and the user's own effects, by name."""
         return load_effects(self.effect_files)
 
-    @cached_property
+    @property
     def kernel(self) -> kernels.Kernel:
-        """The compiled kernel of everything known; effects are switched, not compiled in and out."""
-        return kernels.build(self.known_effects, announce=_announce)
+        """The compiled kernel of everything known; effects are switched, not compiled in and out.
+
+        Raises `InputError` for a track of single coils, of which the kernel is not the whole."""
+        return self.averaged()._kernel
+
+    def averaged(self, where: str = "") -> Model:
+        """This model, whose track is averaged. Raises `InputError` for one of single coils."""
+        if self.track != "averaged":
+            raise InputError(
+                f"{where}{': ' if where else ''}track: coils can be simulated (sim, simulate) and nothing else; set"
+                " track: averaged in the model here"
+            )
+        return self
+
+    @cached_property
+    def _kernel(self) -> kernels.Kernel:
+        return kernels.build(self.known_effects, _announce, self.track == "coils")
+
+    @cached_property
+    def coils(self) -> Coils | None:
+        """The track's single coils; None for the averaged track."""
+        if self.track == "averaged":
+            return None
+        settings = coil_track(self.coil_options, self.parameters)
+        return Coils(settings, self.parameters["wavelength"], self._kernel)
 
     @cached_property
     def vector(self) -> np.ndarray:
         """The kernel's parameter vector P."""
         flat = dict(self.parameters)
+        flat |= {f"{SEAM.name}.{p}": declared.default for p, declared in SEAM.parameters.items()}
         for name, item in self.known_effects.items():
             flat |= {c: self.condition(c, default) for c, default in item.conditions.items() if c not in PARAMETERS}
             for parameter, declared in item.parameters.items():
@@ -284,7 +330,7 @@ class Model:
                 entries = declared.entries(f"{name}.{parameter}")
                 values = value if isinstance(value, tuple) else (value,)
                 flat |= dict(zip(entries, [*values, *[0.0] * (len(entries) - len(values))], strict=True))
-        return np.array([flat[name] for name in self.kernel.parameters])
+        return np.array([flat[name] for name in self._kernel.parameters])
 
     def condition(self, name: str, default: float) -> float:
         """The value of a condition where a run has none of its own; ``default`` is the effect's."""
@@ -293,7 +339,11 @@ class Model:
     @cached_property
     def switches(self) -> np.ndarray:
         """Which of the kernel's effects are on."""
-        return np.array([name in self.effects for name in self.kernel.effects])
+        return np.array([name in self.effects or name == SEAM.name for name in self._kernel.effects])
+
+    def _those_on(self, which: Callable[[Effect], bool]) -> np.ndarray:
+        """For each of the kernel's effects whether it is on and ``which`` is true of it."""
+        return np.array([n in self.effects and which(self.known_effects[n]) for n in self._kernel.effects])
 
     @cached_property
     def moving(self) -> np.ndarray:
@@ -322,12 +372,12 @@ class Model:
     @property
     def carries_states(self) -> bool:
         """Whether any effect that is on has states of its own."""
-        return any(self.known_effects[e].states for e in self.kernel.effects if e in self.effects)
+        return any(self.known_effects[e].states for e in self._kernel.effects if e in self.effects)
 
     @cached_property
     def active_states(self) -> np.ndarray:
         """Indices of the eight states and of those of the effects that are on: the others stay where they are."""
-        carried = [k for k, name in enumerate(self.kernel.states) if name.partition(".")[0] in self.effects]
+        carried = [k for k, name in enumerate(self._kernel.states) if name.partition(".")[0] in self.effects]
         return np.array([*range(8), *(k for k in carried if k >= 8)])
 
     def with_effect_states(
@@ -343,10 +393,10 @@ class Model:
 
         ``pulses`` (or what `Pulses.arrays` gives of them) drive the run; ``origin`` is the surge where it began, here
         unless given."""
-        full = np.zeros(len(self.kernel.states))
+        full = np.zeros(len(self._kernel.states))
         full[:8] = np.asarray(x, float)[:8]
         if len(full) > 8:
-            without = self.switches & ~np.array([bool(self.known_effects[n].states) for n in self.kernel.effects])
+            without = self.switches & ~self._those_on(lambda item: bool(item.states))
             origin = full[0] if origin is None else origin
             dx, _ = self._evaluate(time, full, self.vector if P is None else P, without, pulses, origin, starts=True)
             full[8:] = dx[len(full) :]
@@ -363,27 +413,36 @@ class Model:
         """A copy of ``x`` of the kernel's length; the compiled code checks no bounds, so this does."""
         x = np.array(x, float)
         if x.shape == (8,):
-            return self.with_effect_states(x, time, self._vector_at(drive_current), pulses, origin)
-        if x.shape != (len(self.kernel.states),):
-            raise InputError(
-                f"a state has 8 entries, or {len(self.kernel.states)} with those of the effects; got shape {x.shape}"
-            )
+            P = self._vector_at(drive_current)
+            full = self.with_effect_states(x, time, P, pulses, origin)
+            if self.coils is None:
+                return full
+            q = self._evaluate(time, full, P, self.switches, pulses, full[0] if origin is None else origin)[1]
+            return np.concatenate([full, self.coils.steady(full[0], full[4], q).tail])
+        whole = len(self._kernel.states) + (0 if self.coils is None else self.coils.rest.size)
+        if x.shape != (whole,):
+            raise InputError(f"a state has 8 entries, or {whole} with those of effects and coils; got shape {x.shape}")
         return x
 
     def equilibrium_heave(self, speed: float, drive_current: float | None = None) -> float:
         """Heave at which the vertical forces balance at ``speed`` (m/s), on the track where nothing carries. Newtons
-        cancel to 1e-9."""
+        cancel to 1e-9; those of single coils are the mean of a pitch of whole coils."""
         from scipy.optimize import brentq  # slow to import; most nodes start without it
 
-        x = np.zeros(len(self.kernel.states))
+        x = np.zeros(len(self._kernel.states))
         x[INDEX["surge_rate"]] = speed
         P = self._vector_at(drive_current)
 
-        on = self.switches & ~np.array([self.passes_on(self.known_effects[n]) for n in self.kernel.effects])
+        on = self.switches & ~self._those_on(self.passes_on)
 
         def force(heave: float) -> float:
             x[INDEX["heave"]] = heave
-            return self._evaluate(0.0, self.with_effect_states(x, P=P), P, on)[1][_FORCE_HEAVE]
+            full = self.with_effect_states(x, P=P)
+            q = self._evaluate(0.0, full, P, on)[1]
+            if self.coils is None:
+                return q[_FORCE_HEAVE]
+            forces = self.coils.mean_forces(-2.0 * self.coils.reach, speed, q)
+            return self._evaluate(0.0, full, self._with_coil_forces(P, forces), on)[1][_FORCE_HEAVE]
 
         low, high = -self.parameters["nominal_gap"] - 2e-3, max(self.parameters["nominal_gap"], 1e-3)
         if not force(low) > 0:
@@ -392,7 +451,7 @@ class Model:
             )
         for _ in range(6):
             if force(high) < 0:
-                return brentq(force, low, high, xtol=1e-15, rtol=1e-14)
+                return brentq(force, low, high, xtol=1e-15 if self.coils is None else 1e-11, rtol=1e-14)
             high *= 2
         raise InputError(f"the lift exceeds the weight at any gap at {speed:g} m/s; give heave in the initial state")
 
@@ -457,7 +516,11 @@ class Model:
         pt, pp, pc = _NONE, _NONE, _NONE
         if not averaged and pulses is not None:
             pt, pp, pc = pulses.arrays(self.parameters["wavelength"])
-        self.kernel.simulate_batch(  # float(): for a whole number it would be compiled anew
+        if self.coils is not None:
+            arguments = (self.switches, self.moving, float(origin), averaged, pt, pp, pc, float(longest))
+            self.coils.simulate(times, float(start), state[0], P.copy(), arguments, outputs[0])
+            return
+        self._kernel.simulate_batch(  # float(): for a whole number it would be compiled anew
             times,
             float(start),
             state,
@@ -484,7 +547,7 @@ class Model:
         )
         # A measured run's are its own.
         averaged = self.drive == "averaged" and (pulses is None or isinstance(pulses, Pulses))
-        self.kernel.evaluate(
+        self._kernel.evaluate(
             float(time), np.ascontiguousarray(x), P, on, self.moving, float(origin), averaged, *arrays, dx, q
         )
         return dx, q
@@ -499,7 +562,7 @@ class Model:
     ) -> dict[str, float]:
         """The named quantities of `kernel.QUANTITIES` (gaps, forces per array, …) and the accelerations at one moment,
         SI."""
-        P, x = self._vector_at(drive_current), self._whole_state(x, time, drive_current, pulses, origin)
+        P, x = self._at(x, time, drive_current, pulses, origin)
         dx, q = self._evaluate(time, x, P, self.switches, pulses, origin)
         return dict(zip(kernels.QUANTITIES, q.tolist(), strict=True)) | {
             f"{c}_acceleration": float(dx[4 + i]) for i, c in enumerate(COORDINATES)
@@ -519,7 +582,7 @@ class Model:
         ``total``. An effect's wrench is what would be missing without it; one that changes a quantity inside the model
         (say the resistance) shows there too, so the parts add up without those.
         """
-        P, x = self._vector_at(drive_current), self._whole_state(x, time, drive_current, pulses, origin)
+        P, x = self._at(x, time, drive_current, pulses, origin)
         _, q = self._evaluate(time, x, P, self.switches, pulses, origin)
         g = dict(zip(kernels.QUANTITIES, q, strict=True))
         total = q[_TOTAL]
@@ -530,12 +593,27 @@ class Model:
             "contact": _arrays_wrench(g, "normal"),
             "weight": np.array([0.0, 0.0, -self.parameters["mass"] * self.parameters["gravity"], 0.0]),
         }
-        for i, name in enumerate(self.kernel.effects):
-            if self.switches[i]:
+        for i, name in enumerate(self._kernel.effects):
+            if self.switches[i] and name in self.effects:
                 without = self.switches.copy()
                 without[i] = False
                 parts[name] = total - self._evaluate(time, x, P, without, pulses, origin)[1][_TOTAL]
         return parts | {"total": total.copy()}
+
+    def _at(self, x, time, drive_current, pulses, origin) -> tuple[np.ndarray, np.ndarray]:
+        """The parameter vector, with the forces of the coils in it, and the kernel's states at ``x``."""
+        P, x = self._vector_at(drive_current), self._whole_state(x, time, drive_current, pulses, origin)
+        if self.coils is None:
+            return P, x
+        tail, x = x[len(self._kernel.states) :], x[: len(self._kernel.states)]
+        q = self._evaluate(time, x, P, self.switches, pulses, origin)[1]
+        return self._with_coil_forces(P, self.coils.forces(x[0], tail, q)), x
+
+    def _with_coil_forces(self, P: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        P = P.copy()
+        first = self._kernel.parameters.index(f"{SEAM.name}.{next(iter(SEAM.parameters))}")
+        P[first : first + len(forces)] = forces
+        return P
 
     def _vector_at(self, drive_current: float | None) -> np.ndarray:
         if drive_current is None:

@@ -9,9 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .errors import InputError
-from .parameters import Parameter
+from .parameters import OURS, Parameter
 
 DRIVES = ("averaged", "pulses")
+TRACKS = ("averaged", "coils")
+#: Stands in a list of coil numbers for no coil: an empty list has no type in ROS 2.
+NO_COIL = -1
 
 
 @dataclass(frozen=True)
@@ -43,10 +46,38 @@ class Option:
         return value
 
 
+#: Of a track of single coils, ``track: coils``.
+COIL_OPTIONS: dict[str, Parameter | Option] = {
+    "coil_pitch": Parameter(
+        0.0, "m", 0.0, 1.0, "distance from coil to coil; 0: wavelength / coils_per_wavelength, as averaged", OURS
+    ),
+    "array_spacing": Parameter(0.55, "m", 0.0, 100.0, "from the middle of the front set of arrays to the rear's", OURS),
+    "array_wavelengths": Parameter(1.0, "", 0.5, 100.0, "length of each set, front and rear, in wavelengths", OURS),
+    "mutual_inductance": Parameter(
+        0.0, "H", -1e-2, 1e-2, "mutual inductance M of a coil and its neighbour, the next but one, …", OURS, count=6
+    ),
+    "failed_coils": Option([NO_COIL], "numbers of coils that are open or missing; coil n stands at n × coil_pitch"),
+    "damaged_coils": Option([NO_COIL], "numbers of coils whose resistance is damage_factor times that of others"),
+    "damage_factor": Parameter(
+        2.0,
+        "",
+        1e-3,
+        1e6,
+        "resistance of damaged coils over that of whole ones: one for all, or one each",
+        OURS,
+        count=64,
+    ),
+}
+
+#: Parameters of the model that say where coils stand: currents in flight are of these places.
+COIL_PLACES = frozenset({"wavelength", "coils_per_wavelength"})
+
 #: What a model is made of besides its numbers.
-MODEL_OPTIONS = {
+MODEL_OPTIONS: dict[str, Parameter | Option] = {
     "dof": Option(4, "degrees of freedom: 1 (heave), 2 (surge, heave) or 4", low=1, high=4),
     "drive": Option("averaged", "thrust by the averaged law, or by the pulses on drive_pulses", DRIVES),
+    "track": Option("averaged", "lift and drag by the averaged law, or from the current of each lifting coil", TRACKS),
+    **COIL_OPTIONS,
     "effects": Option([""], "effects that are on, e.g. aerodynamic_drag"),
     "effect_files": Option([""], "Python files with effects of your own"),
 }

@@ -108,7 +108,8 @@ class Parameter:
 
 _PAPER = "Kim and Ge (2012), Table 1"
 _FITTED = "Kim and Ge (2012), Table 2"
-_OURS = "assumption of this project, not in the paper"
+#: Source of what the paper leaves open.
+OURS = "assumption of this project, not in the paper"
 
 #: The model's own parameters, in the order of the compiled kernel's parameter vector.
 PARAMETERS: dict[str, Parameter] = {
@@ -136,19 +137,19 @@ PARAMETERS: dict[str, Parameter] = {
         0.0,
         1e9,
         "stiffness k_c of the contact; 0: no contact",
-        _OURS + "; sinks 0.01 mm at rest, section 3.3",
+        OURS + "; sinks 0.01 mm at rest, section 3.3",
         3e5,
     ),
-    "contact_damping": Parameter(5e3, "N·s/m", 0.0, 1e6, "damping b_c of the contact", _OURS, 3e2),
-    "roll_inertia": Parameter(0.091, "kg·m²", 1e-6, 1e6, "moment of inertia I_zz about the travel", _OURS, 1e-3),
+    "contact_damping": Parameter(5e3, "N·s/m", 0.0, 1e6, "damping b_c of the contact", OURS, 3e2),
+    "roll_inertia": Parameter(0.091, "kg·m²", 1e-6, 1e6, "moment of inertia I_zz about the travel", OURS, 1e-3),
     "magnet_top_height": Parameter(
-        0.040, "m", -5.0, 5.0, "height of the top array's centre over the centre of mass", _OURS, 1e-3
+        0.040, "m", -5.0, 5.0, "height of the top array's centre over the centre of mass", OURS, 1e-3
     ),
     "magnet_side_offset": Parameter(
-        0.105, "m", 0.0, 5.0, "lateral distance of the side arrays' centres from the centre of mass", _OURS, 1e-3
+        0.105, "m", 0.0, 5.0, "lateral distance of the side arrays' centres from the centre of mass", OURS, 1e-3
     ),
     "magnet_side_height": Parameter(
-        -0.035, "m", -5.0, 5.0, "height of the side arrays' centres over the centre of mass", _OURS, 1e-3
+        -0.035, "m", -5.0, 5.0, "height of the side arrays' centres over the centre of mass", OURS, 1e-3
     ),
     "air_density": Parameter(1.29, "kg/m³", 0.0, 100.0, "density of air ρ", "Kim and Ge (2012), (14)", 0.05),
     "array_length": Parameter(
@@ -157,7 +158,7 @@ PARAMETERS: dict[str, Parameter] = {
         0.01,
         100.0,
         "length over which the cradle's magnets feel a drive coil",
-        _OURS + "; the body length l of (16)",
+        OURS + "; the body length l of (16)",
         0.1,
     ),
 }

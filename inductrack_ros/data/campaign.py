@@ -114,12 +114,13 @@ class Campaign:
         """The model the campaign is held against: that of ``file``, else the campaign's own, else the package's
         default.
 
-        A campaign is data: its own model may name no effect files that are not among ``effect_files``.
+        A campaign is data: its own model may name no effect files that are not among ``effect_files``. Raises
+        `InputError` for a track of single coils.
         """
         if file is not None:
-            model = Model.load(file, effect_files)
+            model = Model.load(file, effect_files).averaged(str(file))
         elif self.model is not None:
-            model = Model.load(self.model, effect_files, trusted=False)
+            model = Model.load(self.model, effect_files, trusted=False).averaged(str(self.model))
         else:
             model = Model.create(effect_files=effect_files)
         return model if self.dof in (None, model.dof) else model.with_changes(dof=self.dof)

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from ..core import rig
 from ..core.errors import InputError
 from ..core.model import Model
-from ..core.options import MODEL_OPTIONS, SIM
+from ..core.options import COIL_PLACES, MODEL_OPTIONS, SIM
 from ..core.parameters import PARAMETERS
 from ..core.state import OUTPUTS
 from .diagnostics import PERIOD, Diagnostics, strangers
@@ -61,7 +61,8 @@ class SimNode(Node):
         of_effects = effect_parameters(self.model)
         in_model = {**PARAMETERS, **model_options(self.model), **of_effects}
         self._declared = {**in_model, **OWN}
-        self._options = declare(self, self._declared, live={*LIVE, *of_effects})
+        fixed = COIL_PLACES if self.model.track == "coils" else frozenset()
+        self._options = declare(self, self._declared, live={*LIVE, *of_effects} - fixed)
         self._in_model = {*PARAMETERS, *of_effects}
 
         options = self._options
@@ -323,7 +324,8 @@ class SimNode(Node):
         effects = ", ".join(self.model.effects) or "none"
         mode = "in lockstep" if self._options["lockstep"] else f"at {self._options['speed_factor']:g} × real time"
         self.get_logger().info(
-            f"{freedom(self.model)}, drive: {self.model.drive}, effects: {effects}; {self._options['rate']:g} Hz {mode}"
+            f"{freedom(self.model)}, track: {self.model.track}, drive: {self.model.drive}, effects: {effects};"
+            f" {self._options['rate']:g} Hz {mode}"
         )
 
     def _diagnose(self) -> None:
