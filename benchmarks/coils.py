@@ -53,8 +53,8 @@ def forces_table() -> list[dict[str, float]]:
                 "drag": one[3] / law[3],
                 "long lift": lift_of(many) / lift_of(law),
                 "long drag": many[3] / law[3],
-                "lift ripple": swing[0] / lift_of(one),
-                "drag ripple": swing[1] / one[3],
+                "lift ripple, ppm": 1e6 * swing[0] / lift_of(one),
+                "drag ripple, ppm": 1e6 * swing[1] / one[3],
             }
         )
     return rows
@@ -102,9 +102,8 @@ def failed_coil() -> tuple[float, float]:
     return np.max(np.abs(lift[1] - lift[0])) / (9.3 * 9.81), np.max(np.abs(runs[1]["heave"] - runs[0]["heave"]))
 
 
-def pace() -> float:
-    """Simulated seconds to a second of this machine, at 40 m/s, 4 degrees of freedom."""
-    model = coils()
+def pace(model: Model) -> float:
+    """Simulated seconds to a second of one core, at 40 m/s, 4 degrees of freedom."""
     start = model.initial_state(surge_rate=40.0, sway=1e-3)
     model.simulate(np.arange(2) * 1e-3, start)
     best = np.inf
@@ -151,7 +150,11 @@ def show(rows: list[dict[str, float]], digits: int = 3) -> None:
     """A table in Markdown."""
     print("| " + " | ".join(rows[0]) + " |\n" + "|---" * len(rows[0]) + "|")
     for row in rows:
-        print("| " + " | ".join(f"{v:.{digits}f}" if i else f"{v:g}" for i, v in enumerate(row.values())) + " |")
+        cells = (
+            f"{v:.{digits}f}" if i and not name.endswith("ppm") else f"{v:.3g}"
+            for i, (name, v) in enumerate(row.items())
+        )
+        print("| " + " | ".join(cells) + " |")
     print()
 
 
@@ -162,7 +165,7 @@ def main() -> None:
     arguments = parser.parse_args()
     forces, heave = forces_table(), heave_table()
     print(f"Forces over the averaged law's at a top gap of {1e3 * (HEAVE + 0.010):g} mm, and ripple over the mean\n")
-    show(forces, 4)
+    show(forces)
     print("Equilibrium gap (mm) and heave damping at held speed (N·s/m)\n")
     show(heave)
     print("By the length of the arrays at 20 m/s, over the averaged law's\n")
@@ -173,7 +176,11 @@ def main() -> None:
     )
     share, moved = failed_coil()
     print(f"One failed coil: {100 * share:.1f} % of the weight at most, heave moves by {1e6 * moved:.1f} µm")
-    print(f"{pace():.1f} simulated seconds to a second on one core, at 40 m/s")
+    coupled = coils(mutual_inductance=[4e-7, 1e-7])
+    print(
+        f"At 40 m/s {pace(coils()):.1f} simulated seconds to a second of one core; with two neighbours coupled"
+        f" {pace(coupled):.1f}"
+    )
     if arguments.draw:
         draw(arguments.draw, forces, heave)
 
