@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look, set_aside
+from inductrack_ros.checks.check import check
 from inductrack_ros.checks.local import predictions
 from inductrack_ros.cli import main
 from inductrack_ros.compare import compare
@@ -20,6 +22,7 @@ from inductrack_ros.core.state import CHANNELS
 from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
 from inductrack_ros.diagnosis.add import add_effect
 from inductrack_ros.diagnosis.diagnose import diagnose
+from inductrack_ros.reports.check_report import check_report
 
 NOISE = {
     "surge": 5e-4,
@@ -290,7 +293,10 @@ def test_a_current_in_kiloamperes_of_one_run_is_named(pose, model):
 
 def test_forces_that_no_reading_explains_are_said(pose, model):
     """A rig ten times as heavy as its model: no physics of the catalogue makes up for that."""
-    (found,) = [f for f in look(pose, model.with_changes({"mass": 93.0})) if f.kind == "unlike"]
+    result = check(pose, model.with_changes({"mass": 93.0}))
+    (found,) = [f for f in result.findings if f.kind == "unlike"]
+    page = check_report(result)
+    assert "model's motion, as written" in html.unescape(page) and found.channel in page
     assert found.severity == WARNING and "heave" in found.size["channels"]
 
 

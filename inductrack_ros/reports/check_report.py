@@ -169,9 +169,11 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
 
 
 def _motion(finding: Finding) -> Figure:
-    """Bars of how far each channel is from the model's motion, as it is written and as it may be meant."""
-    off, then = finding.size["off"], finding.size["then"]
-    channels = [c for c in off if c in then]
+    """Bars of how far each channel is from the model's motion, as it is written and, where that is known, as it may be
+    meant."""
+    off, then = finding.size["off"], finding.size.get("then")
+    channels = [c for c in off if then is None or c in then]
+    readings = [("as written", off, "@before")] + ([("as it may be meant", then, "@after")] if then else [])
     bars = [
         {
             "type": "bar",
@@ -181,7 +183,7 @@ def _motion(finding: Finding) -> Figure:
             "x": [min(f[c], 2.0) for c in channels],
             "marker": {"color": colour},
         }
-        for name, f, colour in (("as written", off, "@before"), ("as it may be meant", then, "@after"))
+        for name, f, colour in readings
     ]
     layout = {
         "barmode": "group",
@@ -192,7 +194,7 @@ def _motion(finding: Finding) -> Figure:
     return Figure(
         bars,
         layout,
-        "How far each channel is from the model's motion, as written and as it may be meant",
+        f"How far each channel is from the model's motion, {' and '.join(name for name, _, _ in readings)}",
         130 + 44 * len(channels),
         fixed=True,
     )
