@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import InputError
+from ..core.firing import pulses_of
 from ..core.model import Model
 from ..core.state import GAPS, INDEX, STATES
 from ..data.limits import Limits
@@ -100,8 +101,11 @@ def _made(
     for i, offset in zip((INDEX["heave"], INDEX["sway"], INDEX["roll"]), offsets, strict=True):
         start[i] += offset
     times = np.arange(0.0, duration, 1.0 / RATE)
+    pulses = None
     try:
-        made = model.simulate(times, start, drive_current=current)
+        if model.drive == "pulses":
+            pulses = pulses_of(model, start, duration, current)
+        made = model.simulate(times, start, drive_current=current, pulses=pulses)
     except InputError:
         return None
     values = np.column_stack([made[c] for c in problem.channels])
@@ -113,7 +117,7 @@ def _made(
     single = problem.subset([0])
     # As in the runs so far.
     given = {s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)}
-    run = Run("proposal", Path("proposal"), problem.channels, times, values, times, current, initial_state=given)
+    run = Run("proposal", Path("proposal"), problem.channels, times, values, times, current, given, pulses)
     single.runs = (lay_out(run, model, problem.channels, problem.dof),)
     exact = start[:8].copy()
     single.runs = (replace(single.runs[0], y=_read(single, model, exact), guess=exact),)
