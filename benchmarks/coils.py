@@ -123,27 +123,36 @@ def draw(path: Path, forces: list[dict[str, float]], heave: list[dict[str, float
 
     plt.rcParams.update({"font.size": 9, "svg.hashsalt": "coils", "axes.grid": True, "grid.alpha": 0.3})
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
-    speeds = [r["speed"] for r in forces]
-    for name, style, label in (
-        ("lift", "C0o-", "lift, arrays of one wavelength"),
-        ("drag", "C3o-", "drag, arrays of one wavelength"),
-        ("long lift", "C0:", "lift, long arrays"),
-        ("long drag", "C3:", "drag, long arrays"),
-    ):
-        left.plot(speeds, [r[name] for r in forces], style, ms=3.5, label=label)
+    _curves(
+        left,
+        forces,
+        (
+            ("lift", "C0o-", "lift, arrays of one wavelength"),
+            ("drag", "C3o-", "drag, arrays of one wavelength"),
+            ("long lift", "C0:", "lift, long arrays"),
+            ("long drag", "C3:", "drag, long arrays"),
+        ),
+    )
     left.set(xlabel="speed, m/s", ylabel="single coils over averaged law", ylim=(0.7, 1.15))
-    left.legend(frameon=False)
-    speeds = [r["speed"] for r in heave]
-    for name, style, label in (
-        ("coils", "C0o-", "coils, arrays of one wavelength"),
-        ("long", "C1s", "coils, long arrays"),
-        ("effect", "C1-", "coil_current_dynamics"),
-        ("held", "0.5", "averaged law"),
-    ):
-        right.plot(speeds, [r[name] for r in heave], style, ms=3.5, label=label)
+    _curves(
+        right,
+        heave,
+        (
+            ("coils", "C0o-", "coils, arrays of one wavelength"),
+            ("long", "C1s", "coils, long arrays"),
+            ("effect", "C1-", "coil_current_dynamics"),
+            ("held", "0.5", "averaged law"),
+        ),
+    )
     right.set(xlabel="speed, m/s", ylabel="heave damping at held speed, N·s/m")
-    right.legend(frameon=False)
     figure.savefig(path, metadata={"Date": None})
+
+
+def _curves(axes, rows: list[dict[str, float]], curves: tuple[tuple[str, str, str], ...]) -> None:
+    """Columns of a table over speed; each curve is a column, its style and its label."""
+    for name, style, label in curves:
+        axes.plot([r["speed"] for r in rows], [r[name] for r in rows], style, ms=3.5, label=label)
+    axes.legend(frameon=False)
 
 
 def show(rows: list[dict[str, float]], digits: int = 3) -> None:

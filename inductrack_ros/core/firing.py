@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+
 import numpy as np
 
 from .model import Model, Pulses
@@ -28,7 +30,7 @@ def pulses_of(model: Model, x: np.ndarray, duration: float, current: float) -> P
         if time + wait >= duration:
             break
         if wait > 0.0:
-            burning = slice(np.searchsorted(times, time - length), None)
+            burning = slice(bisect_left(times, time - length), None)
             recent = Pulses(np.array(times[burning]), np.array(coils[burning]), np.array(currents[burning]))
             until = time + (wait if wait < length else 0.5 * wait)
             x, time = model.advance(x, time, until, 0.0, recent, origin), until
