@@ -93,7 +93,7 @@ def table_of(rng, variable: str, r: Range, u: np.ndarray, force: np.ndarray, noi
         step = r.length / intervals
         B = basis(u, r.low, step, intervals + 1)
         gram, score = B.T @ B / noise**2, B.T @ y / noise**2
-        smooth = smoothest_of("stand_in_heave", gram, score)
+        smooth = smoothest_of(gram, score, len(u))
         if best is None or smooth.promise > best[0].promise:
             best = smooth, gram, step
     smooth, gram, step = best

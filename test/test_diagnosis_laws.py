@@ -43,7 +43,7 @@ def table(acts_on, variable, u, force, noise, intervals=24, seed=0):
     B = basis(u, low, step, intervals + 1)
     y = force + noise * np.random.default_rng(seed).standard_normal(len(u))
     gram = B.T @ B / noise**2
-    smooth = smoothest_of(name, gram, B.T @ y / noise**2)
+    smooth = smoothest_of(gram, B.T @ y / noise**2, len(u))
     covariance = np.linalg.inv(gram + roughness(name, intervals + 1, smooth.weight))
     return Table.of(name, variable, low, step, smooth.values, covariance, smooth.weight)
 

@@ -331,6 +331,51 @@ def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp,
                 ends[k, job, i] = state[i]
 
 
+def forced_pieces(times, x, P, on, moving, origin, averaged, pulses, pt, pp, pc, outputs, changes):
+    """What `linearise_pieces` gives, from the forces at both ends of each piece instead of an integration: for effects
+    without states, outside contact.
+
+    ``pulses`` (n,) is the mean of `pulse_sum` over each piece (A). ``outputs`` (n, jobs, 15) are those at each of
+    ``times``; ``changes`` (n, jobs, 8) are what accelerations that change linearly from one end to the other do to
+    places and rates until the next; the last piece has no length."""
+    touching, groups = np.zeros(3, np.bool_), groups_on(on)
+    dx, q = np.empty(max(PADDED, 8)), np.empty(N_QUANTITIES)
+    last = x.shape[0] - 1
+    for k in range(last + 1):
+        span = times[min(k + 1, last)] - times[k]
+        pulse = 0.0 if averaged else pulse_sum(times[k], x[k, 0], P[0], pt, pp, pc, 0)
+        for job in range(P.shape[0]):
+            derivative(times[k], x[k], P[job], on, groups, moving, touching, origin, averaged, pulse, dx, q, False)
+            for i in range(8):
+                outputs[k, job, i] = x[k, i]
+            for i in range(3):
+                outputs[k, job, 8 + i] = q[i]
+            for i in range(4):
+                outputs[k, job, 11 + i] = dx[4 + i]
+            for end in range(2):
+                at = min(k + end, last)
+                if end == 1 or not averaged:
+                    derivative(
+                        times[at],
+                        x[at],
+                        P[job],
+                        on,
+                        groups,
+                        moving,
+                        touching,
+                        origin,
+                        averaged,
+                        pulses[k],
+                        dx,
+                        q,
+                        False,
+                    )
+                for i in range(4):
+                    place, rate = (span * span / 6.0, 0.5 * span) if end == 1 else (span * span / 3.0, 0.5 * span)
+                    changes[k, job, i] = place * dx[4 + i] + (changes[k, job, i] if end == 1 else 0.0)
+                    changes[k, job, 4 + i] = rate * dx[4 + i] + (changes[k, job, 4 + i] if end == 1 else 0.0)
+
+
 def evaluate(t, x, P, on, moving, origin, averaged, pt, pp, pc, dx, q):
     """Derivative and all named quantities at one moment, contact decided from the state itself."""
     touching, groups = np.zeros(3, np.bool_), groups_on(on)

@@ -51,10 +51,10 @@ class Kernel:
 
     ``parameters`` names the entries of the parameter vector P, ``states`` those of the state vector, ``effects`` the
     entries of the switch vector ``on``. Where ``dx`` has room behind the rates, `evaluate` writes there where the
-    effects' states start. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces`` and ``evaluate`` are
-    `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call. ``coils`` are the
-    functions of a track of single coils, where it was built for one: `coils.flight.simulate_coils` and `forces_now`,
-    `coils.circuits.follow_coils`, by name."""
+    effects' states start. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces``, ``forced_pieces`` and
+    ``evaluate`` are `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call.
+    ``coils`` are the functions of a track of single coils, where it was built for one: `coils.flight.simulate_coils`
+    and `forces_now`, `coils.circuits.follow_coils`, by name."""
 
     effects: tuple[str, ...]
     parameters: tuple[str, ...]
@@ -62,6 +62,7 @@ class Kernel:
     simulate_batch: Callable
     simulate_pieces: Callable
     linearise_pieces: Callable
+    forced_pieces: Callable
     evaluate: Callable
     fly: Callable
     source: str
@@ -261,7 +262,9 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         "integrate",
     ]
     text = mark(inspect.getsource(integrator), "_nrt=False", *jitted)
-    text = mark(text, "cache=True", "simulate_batch", "simulate_pieces", "linearise_pieces", "evaluate")
+    text = mark(
+        text, "cache=True", "simulate_batch", "simulate_pieces", "linearise_pieces", "forced_pieces", "evaluate"
+    )
     head = [
         "from math import cos, exp, pi, sin, sqrt",
         "import numpy as np",
@@ -363,7 +366,8 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
     def kernel(module: ModuleType) -> Kernel:
         return Kernel(
             tuple(e.name for e in items), tuple(names), STATES + tuple(carried),
-            module.simulate_batch, module.simulate_pieces, module.linearise_pieces, module.evaluate, module.fly, text,
+            module.simulate_batch, module.simulate_pieces, module.linearise_pieces, module.forced_pieces,
+            module.evaluate, module.fly, text,
             {name: getattr(module, name) for name in COIL_FUNCTIONS} if with_coils else {},
         )  # fmt: skip
 

@@ -19,7 +19,7 @@ from ..estimation.likelihood import NO_POWER
 from ..estimation.linear import acting, force_columns, histories, outputs_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
-from ..estimation.scores import Background, Scores, scores, widened
+from ..estimation.scores import TWO_SHARES, Background, Scores, scores, widened
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from . import placed
@@ -97,7 +97,8 @@ def screen(
     wanted = [n for n in names(problem, fit.structure) if n not in (WAVES, *somewhere, *at_once)]
     parameters = {n: known[n.partition(":")[0]].parameters for n in wanted}
     candidates = {n: Candidate(n, n, {}, len(parameters[n])) for n in wanted}
-    parts = columns.of_parameters(problem, fit, {n: {} for n in wanted if parameters[n]})
+    pulses = columns.mean_pulses(problem, fit, systems)
+    parts = columns.of_parameters(problem, fit, [n for n in wanted if parameters[n]], pulses)
     parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not parameters[n]}
     for n, start in at_once.items():
         candidates[n], parts[n] = Candidate(n, n, start, len(start)), columns.of_switch(problem, fit, n, start)
@@ -106,7 +107,7 @@ def screen(
             candidates[candidate.label], parts[candidate.label] = candidate, part
     covered = placed.ranges([outputs_of(problem, fit, i) for i in range(len(problem.runs))]) if somewhere else {}
     for name in somewhere:
-        for candidate, part in _placed(problem, fit, systems, name, covered):
+        for candidate, part in _placed(problem, fit, systems, name, covered, pulses):
             candidates[candidate.label], parts[candidate.label] = candidate, part
     found = scores(problem, fit, parts, systems, backgrounds)
     return Screening(candidates, found, _sets(candidates, found))
@@ -147,7 +148,12 @@ def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[Candidate
 
 
 def _placed(
-    problem: Problem, fit: Fit, systems: Sequence[LinearRun], name: str, covered: Mapping[str, tuple[float, float]]
+    problem: Problem,
+    fit: Fit,
+    systems: Sequence[LinearRun],
+    name: str,
+    covered: Mapping[str, tuple[float, float]],
+    pulses: Sequence[np.ndarray | None],
 ) -> list[tuple[Candidate, list[Columns]]]:
     """An effect at the best few of the starts that it declares for runs that cover these ranges: it shows nothing of
     them while it vanishes."""
@@ -159,14 +165,15 @@ def _placed(
 
     def one(i: int) -> Columns:
         path = columns.carried(problem, wide, i, fit.paths[i]) if item.states else fit.paths[i]
-        return columns.differences(problem, wide, i, path, thetas, steps, fit.model.active_states)
+        means = None if columns.needs_integration(item) else pulses[i]
+        return columns.differences(problem, wide, i, path, thetas, steps, fit.model.active_states, means)
 
     every = problem.for_runs(one)
     wanted = {
         str(k): [Columns(c.inputs[:, :, asked.of(k)], c.data[:, asked.of(k)]) for c in every]
         for k in range(len(asked.starts))
     }
-    told = scores(problem, fit, wanted, systems)
+    told = scores(problem, fit, wanted, systems, shares=TWO_SHARES)
     best = sorted(wanted, key=lambda k: told.expected([k]).deviance)[:WAVE_STARTS]
     found = []
     for k in best:
@@ -223,7 +230,7 @@ def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tup
 
 def _two_powers(fit: Fit) -> list[np.ndarray]:
     """The fitted power of the disturbances and next to none of it."""
-    return [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in (1.0, 1e-2)]
+    return [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in TWO_SHARES]
 
 
 def _each(
@@ -340,7 +347,7 @@ def laws(
         for power in _levels(fit, on in fine):
             gram, score, base = _blocks(problem, fit, systems, every, [t[3] for t in tables], power)
             for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
-                table = smoothest_of(f"stand_in_{on}", A, b)
+                table = smoothest_of(A, b, problem.samples)
                 found.append(Law(on, variable, start, step, table, plain - base + table.promise, power))
     best: dict[tuple[str, str], Law] = {}
     for law in found:
@@ -368,7 +375,7 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     cross = whole[np.ix_(o, m)]
     gram = (whole[np.ix_(m, m)] - cross.T @ inverse @ cross) / np.outer(scale, scale)
     score = -(whole[m, 0] + cross.T @ step) / scale
-    return smoothest_of(effect, gram, gram @ (fit.theta[mine] * scale) + score, effect in structure.local)
+    return smoothest_of(gram, gram @ (fit.theta[mine] * scale) + score, problem.samples)
 
 
 def _levels(fit: Fit, fine: bool) -> list[np.ndarray]:

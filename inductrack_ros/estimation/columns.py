@@ -7,38 +7,58 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..core.effects import Effect
 from ..core.kernel import QUANTITIES
-from ..core.state import INDEX
-from .kalman import Columns
-from .linear import THETA_STEP, next_state, pieces, read
+from ..core.state import INDEX, OUTPUTS
+from .kalman import Columns, LinearRun
+from .linear import THETA_STEP, forced, mean_pulse, next_state, pieces, read
 from .problem import Problem
 from .shooting import Fit
 from .structure import Structure
 
 
-def of_parameters(problem: Problem, fit: Fit, effects: Mapping[str, Mapping[str, float]]) -> dict[str, list[Columns]]:
-    """By effect (started at the given values, else where it vanishes), what each of its parameters would do to every
-    run, in typical sizes."""
-    if not effects:
-        return {}
-    wide = Structure(fit.model, ())
-    for name, values in effects.items():
-        wide = wide.plus(name, values)
-    of = [full.rpartition(".")[0] for full in wide.free]
+def mean_pulses(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[np.ndarray | None]:
+    """`linear.mean_pulse` of each run; None for a run that touches the track, where forces at the nodes do not tell
+    what happens between them."""
+    structure, none = Structure(fit.model, ()), np.zeros(0)
 
-    def one(i: int) -> Columns:
-        theta = wide.start
-        high = wide.bounds[1]
-        steps = np.where(theta + THETA_STEP <= high, THETA_STEP, -THETA_STEP)
-        thetas = np.vstack([theta, theta + np.diag(steps)])
-        return differences(problem, wide, i, fit.paths[i], thetas, steps, fit.model.active_states)
+    def one(i: int) -> np.ndarray | None:
+        return None if systems[i].touching.any() else mean_pulse(problem, structure, i, none, fit.paths[i])
 
-    runs = problem.for_runs(one)
+    return problem.for_runs(one)
+
+
+def of_parameters(
+    problem: Problem, fit: Fit, effects: Sequence[str], pulses: Sequence[np.ndarray | None]
+) -> dict[str, list[Columns]]:
+    """By effect, what each of its parameters would do to every run where the effect vanishes, in typical sizes;
+    ``pulses`` as `mean_pulses` gives them."""
+    known = fit.model.known_effects
+    integrated = [n for n in effects if needs_integration(known[n.partition(":")[0]])]
     found = {}
-    for name in effects:
-        mine = [k for k, owner in enumerate(of) if owner == name]
-        found[name] = [Columns(c.inputs[:, :, mine], c.data[:, mine]) for c in runs]
+    for names, means in ((integrated, [None] * len(pulses)), ([n for n in effects if n not in integrated], pulses)):
+        wide = Structure(fit.model, ())
+        for name in names:
+            wide = wide.plus(name)
+        of = [full.rpartition(".")[0] for full in wide.free]
+        theta = wide.start
+        steps = np.where(theta + THETA_STEP <= wide.bounds[1], THETA_STEP, -THETA_STEP)
+        thetas = np.vstack([theta, theta + np.diag(steps)])
+
+        def one(i: int, wide=wide, thetas=thetas, steps=steps, means=means) -> Columns:
+            return differences(problem, wide, i, fit.paths[i], thetas, steps, fit.model.active_states, means[i])
+
+        runs = problem.for_runs(one) if names else []
+        for name in names:
+            mine = [k for k, owner in enumerate(of) if owner == name]
+            found[name] = [Columns(c.inputs[:, :, mine], c.data[:, mine]) for c in runs]
     return found
+
+
+def needs_integration(item: Effect) -> bool:
+    """Whether the forces at the nodes do not tell what an effect does between them: it has states, or acts on single
+    pulses."""
+    return bool(item.states) or item.only == "pulses"
 
 
 def differences(
@@ -49,11 +69,19 @@ def differences(
     thetas: np.ndarray,
     steps: np.ndarray,
     active: np.ndarray,
+    pulses: np.ndarray | None = None,
 ) -> Columns:
     """Changes of a run's pieces and readings from the first row of thetas (1 + p, g) to each other one, over its step
-    (p,)."""
+    (p,).
+
+    The pieces are integrated, or, with ``pulses`` (`linear.mean_pulse`), told from the forces at their ends."""
     data = problem.runs[i]
-    outputs, ends = pieces(problem, structure, i, thetas, np.zeros((len(thetas), path.shape[1])), path)
+    if pulses is None:
+        outputs, ends = pieces(problem, structure, i, thetas, np.zeros((len(thetas), path.shape[1])), path)
+    else:
+        outputs, changes = forced(problem, structure, i, thetas, path, pulses)
+        ends = np.zeros((*changes.shape[:2], path.shape[1]))
+        ends[:, :, :8] = changes
     inputs = ((ends[:, 1:] - ends[:, :1]) / steps[:, None]).transpose(0, 2, 1)[:, active]
     readings = read(problem, structure, i, outputs, thetas)
     change = (readings[1:] - readings[0]).T / steps / problem.sigma[data.channel][:, None]

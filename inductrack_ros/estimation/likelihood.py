@@ -160,32 +160,67 @@ def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np
     return values * np.exp(np.clip(reach * ratio, np.log(FALL), -np.log(FALL)))
 
 
-def cost(
-    problem: Problem,
-    structure: Structure,
-    i: int,
-    theta: np.ndarray,
-    path: np.ndarray,
-    power: np.ndarray,
-    system: LinearRun,
-    beside: tuple[np.ndarray, np.ndarray],
-) -> float:
-    """What run i costs on a trajectory (n, N): residuals over noise, defects over what the disturbances explain, and
-    its start, squared.
+@dataclass(frozen=True)
+class Misses:
+    """What a run's trajectory leaves: ``readings`` (m,) over noise, ``defects`` (n − 1, 8) between its nodes, and
+    ``start`` (f,), how far its free initial states are from where they were guessed."""
 
-    The ``system`` has the readings' variances and the kicks; ``beside`` is what processes add to them (m,) and to the
-    way to the next node (n, N)."""
+    readings: np.ndarray
+    defects: np.ndarray
+    start: np.ndarray
+
+
+Beside = tuple[np.ndarray, np.ndarray]
+
+
+def misses(
+    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, beside: Beside
+) -> Misses:
+    """What run i leaves on a trajectory (n, N); ``beside`` is what processes add to its readings (m,) and to the way to
+    the next node (n, N)."""
     data = problem.runs[i]
     outputs, ends = pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
     if not np.isfinite(ends).all():
-        return np.inf
-    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel] - beside[0]
-    total = float(np.nansum(left**2 / system.variance))
-    T, defect = np.diff(data.grid), path[1:, :8] - ends[:-1, 0, :8] - beside[1][:-1, :8]
+        outputs, ends = np.full_like(outputs, np.inf), np.full_like(ends, np.inf)
+    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel]
+    defects = path[1:, :8] - ends[:-1, 0, :8] - beside[1][:-1, :8]
+    free = data.free_states
+    return Misses(left - beside[0], defects, path[0, free] - data.guess[free])
+
+
+def promised(
+    problem: Problem,
+    structure: Structure,
+    i: int,
+    system: LinearRun,
+    step: np.ndarray,
+    moved: np.ndarray,
+    beside: Beside,
+) -> Misses:
+    """What the linear run (without the processes' states) says of `misses` after a step of theta and of the states
+    (n, A)."""
+    data, active = problem.runs[i], structure.model.active_states
+    node = np.repeat(np.arange(len(moved)), np.diff(system.first))
+    left = system.data[:, 0] + system.data[:, 1:] @ step
+    left = left - np.einsum("ma,ma->m", system.sensitivity, moved[node]) - beside[0]
+    led = system.inputs[:, :, 0] + system.inputs[:, :, 1:] @ step + np.einsum("nab,nb->na", system.transitions, moved)
+    defects, own = np.zeros((len(moved) - 1, 8)), active < 8
+    defects[:, active[own]] = (moved[1:] - led[:-1])[:, own]
+    start = np.zeros(8)
+    start[active[own]] = (system.start_mean[:, 0] * -1.0 + moved[0])[own]
+    return Misses(left, defects - beside[1][:-1, :8], start[data.free_states])
+
+
+def cost(problem: Problem, i: int, left: Misses, power: np.ndarray, system: LinearRun) -> float:
+    """What run i costs: residuals over noise, defects over what the disturbances explain, and its start, squared.
+
+    The ``system`` has the readings' variances and the kicks."""
+    total = float(np.nansum(left.readings**2 / system.variance))
+    T = np.diff(problem.runs[i].grid)
     for c in np.flatnonzero(problem.model.moving):
-        place, rate = defect[:, c], defect[:, 4 + c]
+        place, rate = left.defects[:, c], left.defects[:, 4 + c]
         q, kicks = max(power[c], NO_POWER), system.kicks[:-1, 4 + c]
         a, b, d = q * T**3 / 3.0, q * T**2 / 2.0, q * T + kicks
         total += float(np.sum((d * place**2 - 2.0 * b * place * rate + a * rate**2) / (a * d - b**2)))
-    free = data.free_states
-    return total + float(np.sum(((path[0, free] - data.guess[free]) / STATE_PRIOR[free]) ** 2))
+    total += float(np.sum((left.start / STATE_PRIOR[problem.runs[i].free_states]) ** 2))
+    return total if np.isfinite(total) else np.inf

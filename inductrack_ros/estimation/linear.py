@@ -18,6 +18,8 @@ from .structure import Structure
 
 #: Step of a parameter's difference, in typical sizes; of an effect's state, relative to it.
 THETA_STEP, CARRIED_STEP = 2e-3, 1e-6
+#: A relative change of γ that tells the thrust.
+SMALL = 1e-4
 #: A gap (m) below which a node counts as touching: ten times what a resting cradle sinks in.
 NEARLY_TOUCHING = 3e-4
 
@@ -159,16 +161,30 @@ def acting(
 
 def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Thrust (n,) of each piece of a trajectory, N, averaged over it: what a small relative change of γ would bring."""
-    model, small = structure.model, 1e-4
-    free = Structure(structure.with_theta(theta), ("gamma",))
-    gamma = free.start
-    moved = (
-        free.encode([model.parameters["gamma"] * (1 + small)]) if "gamma" not in structure.free else gamma * (1 + small)
-    )
-    _, ends = pieces(problem, free, i, np.vstack([gamma, moved]), np.zeros((2, path.shape[1])), path)
+    free, thetas = _thrust_changed(structure, theta)
+    _, ends = pieces(problem, free, i, thetas, np.zeros((2, path.shape[1])), path)
     T = np.diff(problem.runs[i].grid)
-    thrust = model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (small * T)
+    thrust = structure.model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (SMALL * T)
     return np.append(thrust, thrust[-1:])
+
+
+def mean_pulse(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Current (n,) of the pulses that burn during each piece of a trajectory, averaged over it, A: what they do over
+    what one ampere would."""
+    if problem.runs[i].averaged:
+        return np.zeros(len(path))
+    free, thetas = _thrust_changed(structure, theta)
+    _, ends = pieces(problem, free, i, thetas, np.zeros((2, path.shape[1])), path)
+    _, one = forced(problem, free, i, thetas, path, np.ones(len(path)))
+    did, would = ends[:, 1, 4] - ends[:, 0, 4], one[:, 1, 4] - one[:, 0, 4]
+    return np.divide(did, would, out=np.zeros(len(path)), where=would > 0.0)
+
+
+def _thrust_changed(structure: Structure, theta: np.ndarray) -> tuple[Structure, np.ndarray]:
+    """A structure in which γ alone is free, and two rows of its theta: γ as it is and larger by the share `SMALL`."""
+    free = Structure(structure.with_theta(theta), ("gamma",))
+    larger = free.encode([structure.with_theta(theta).parameters["gamma"] * (1 + SMALL)])
+    return free, np.vstack([free.start, larger])
 
 
 def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
@@ -219,6 +235,21 @@ def next_state(problem: Problem, model: Model, i: int, P: np.ndarray, path: np.n
         data.averaged, *data.pulses, 1.0, row,
     )  # fmt: skip
     return x[0]
+
+
+def forced(
+    problem: Problem, structure: Structure, i: int, thetas: np.ndarray, path: np.ndarray, pulses: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (n, jobs, 15) at each node, and what the accelerations at both ends of a piece do to places and rates
+    until the next (n, jobs, 8), for each theta; ``pulses`` (n,) as `mean_pulse` gives them."""
+    data, model = problem.runs[i], structure.model
+    P = problem.vectors(structure, i, thetas)
+    outputs, changes = np.empty((len(path), len(P), len(OUTPUTS))), np.empty((len(path), len(P), 8))
+    model.kernel.forced_pieces(
+        data.grid, np.ascontiguousarray(path), P, model.switches, model.moving, float(path[0, 0]), data.averaged,
+        pulses, *data.pulses, outputs, changes,
+    )  # fmt: skip
+    return outputs, changes
 
 
 def outputs_of(problem: Problem, fit: Fitted, i: int) -> np.ndarray:

@@ -21,6 +21,8 @@ from .shooting import Fit
 
 #: Shares of the fitted power at which scores are taken; 0 is the deterministic plant.
 SHARES = (1.0, 1e-1, 1e-2, 1e-4, 0.0)
+#: The same for a choice among many starts of one effect.
+TWO_SHARES = (1.0, 1e-2)
 #: Prior standard deviation of a column's coefficient, in typical sizes.
 WIDE = 300.0
 #: A column that keeps less than this part of its square beside the others is one of them.
@@ -102,9 +104,10 @@ def scores(
     named: Mapping[str, Sequence[Columns]],
     systems: Sequence[LinearRun],
     backgrounds: Sequence[Background] = (),
+    shares: Sequence[float] = SHARES,
 ) -> Scores:
-    """The scores of named columns, each given for every run, at a fit; beside each of the backgrounds, the fit's own
-    unless given."""
+    """The scores of named columns, each given for every run, at a fit, at these shares of the power; beside each of the
+    backgrounds, the fit's own unless given."""
     places, end = {}, 0
     for name, parts in named.items():
         width = parts[0].data.shape[1]
@@ -113,7 +116,7 @@ def scores(
     structure, levels = fit.structure, []
     for background in backgrounds or (Background(fit.power, fit.processes),):
         full = problem.for_runs(lambda i, b=background: augmented(problem, structure, i, wide[i], b.processes))
-        powers = [np.where(share * background.power > NO_POWER, share * background.power, 0.0) for share in SHARES]
+        powers = [np.where(share * background.power > NO_POWER, share * background.power, 0.0) for share in shares]
         distinct = [p for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
         levels += [_level(problem, full, power, background) for power in distinct]
     pull = structure.precision @ (structure.centre - fit.theta)

@@ -16,7 +16,7 @@ import numpy as np
 
 from . import fit as end_to_end
 from .kalman import LinearRun
-from .likelihood import TOLERANCE, Evidence, Point, cost, settle
+from .likelihood import TOLERANCE, Beside, Evidence, Misses, Point, Settled, cost, misses, promised, settle
 from .linear import linearise, next_state
 from .problem import Problem
 from .processes import IMPACT, Process, offsets, tightened
@@ -166,52 +166,96 @@ def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, sta
 def _descended(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
     best, idle = None, 0
     for _ in range(steps):
-        evidence, now, new = _step(problem, structure, point)
-        idle = idle + 1 if best and evidence.deviance > best[0].deviance - TOLERANCE else 0
-        if best is None or evidence.deviance < best[0].deviance:
-            best = evidence, now
+        new = _step(problem, structure, point)
+        idle = idle + 1 if best and new.deviance > best.deviance - TOLERANCE else 0
+        if best is None or new.deviance < best.deviance:
+            best = new
         if idle == IDLE:
             break
-        point = new
-    evidence, now = best
+        point = new.next
+    now = best.point
     return Fit(
-        structure, now.theta, now.paths, now.power, evidence.deviance, evidence.chi2, evidence.covariance, idle == IDLE,
-        now.processes, now.touching, now.exact,
+        structure, now.theta, now.paths, now.power, best.deviance, best.evidence.chi2, best.evidence.covariance,
+        idle == IDLE, now.processes, now.touching, now.exact,
     )  # fmt: skip
 
 
-def _step(problem: Problem, structure: Structure, point: Point) -> tuple[Evidence, Point, Point]:
-    """The evidence at a point, that point with its likeliest disturbances, and the point a Gauss–Newton step
-    further."""
+@dataclass(frozen=True)
+class Step:
+    """A Gauss–Newton step: the evidence before it, the ``point`` it leads to with its likeliest disturbances, the
+    ``deviance`` there, and where to go on from (``next``)."""
+
+    evidence: Evidence
+    point: Point
+    deviance: float
+    next: Point
+
+
+def _step(problem: Problem, structure: Structure, point: Point) -> Step:
+    """A step from a point, shortened where the runs would fare worse for it.
+
+    Its deviance is what the linear runs promise and by how much the trajectories that are flown miss that: far from
+    linear a promise is not kept."""
     plain = linearise_all(problem, point, structure)
     settled = settle(problem, structure, plain, point, POWER_STEPS, follow=True)
-    theta, active = point.theta + settled.evidence.step, structure.model.active_states
-    A = len(active)
+    A = len(structure.model.active_states)
+    moved = [s.deviations[:, :A] for s in settled.smooth]
+    beside = [offsets(*of) for of in zip(plain, settled.systems, (s.deviations for s in settled.smooth), strict=True)]
+    went = _went(problem, structure, point, settled, moved, beside)
+    quiet = np.maximum(settled.power, QUIET)
 
-    def path(i: int) -> np.ndarray:
-        moved = settled.smooth[i].deviations
-        beside = offsets(plain[i], settled.systems[i], moved)
-        rest = settled.power, settled.systems[i], beside
-        aim = cost(problem, structure, i, point.theta, point.paths[i], *rest)
-        best = cost(problem, structure, i, theta, point.paths[i], *rest), point.paths[i]
-        for share in 0.5 ** np.arange(HALVINGS):
+    def missed(i: int) -> float:
+        counts = plain[i].scored
+        step = settled.evidence.step
+        flown_ = misses(problem, structure, i, went.theta, went.paths[i], beside[i])
+        hoped = promised(problem, structure, i, plain[i], step, moved[i], beside[i])
+        return _over(problem, i, flown_, counts, quiet, settled.systems[i]) - _over(
+            problem, i, hoped, counts, quiet, settled.systems[i]
+        )
+
+    lost = max(float(np.sum(problem.for_runs(missed))), 0.0)
+    here = replace(went, power=settled.power, processes=settled.processes)
+    onward = replace(went, power=settled.next_power, processes=settled.next_processes)
+    return Step(settled.evidence, here, settled.evidence.deviance + lost, onward)
+
+
+def _over(problem: Problem, i: int, left: Misses, counts: np.ndarray, power: np.ndarray, system: LinearRun) -> float:
+    """What run i costs by the readings that count."""
+    return cost(problem, i, replace(left, readings=np.where(counts, left.readings, 0.0)), power, system)
+
+
+def _went(
+    problem: Problem,
+    structure: Structure,
+    point: Point,
+    settled: Settled,
+    moved: Sequence[np.ndarray],
+    beside: Sequence[Beside],
+) -> Point:
+    """The point a step further: theta and all trajectories by the same share of it, a trajectory that fares worse by
+    less."""
+    active = structure.model.active_states
+
+    def costs(i: int, theta: np.ndarray, path: np.ndarray) -> float:
+        left = misses(problem, structure, i, theta, path, beside[i])
+        return cost(problem, i, left, settled.power, settled.systems[i])
+
+    aims = problem.for_runs(lambda i: costs(i, point.theta, point.paths[i]))
+
+    def path(i: int, theta: np.ndarray, most: float) -> tuple[float, np.ndarray]:
+        best = costs(i, theta, point.paths[i]), point.paths[i]
+        for share in most * 0.5 ** np.arange(HALVINGS):
             tried = point.paths[i].copy()
-            tried[:, active] += share * moved[:, :A]
-            if (found := cost(problem, structure, i, theta, tried, *rest)) < best[0]:
+            tried[:, active] += share * moved[i]
+            if (found := costs(i, theta, tried)) < best[0]:
                 best = found, tried
-            if found <= aim:
+            if found <= aims[i]:
                 break
-        return best[1]
+        return best
 
-    now = replace(point, power=settled.power, processes=settled.processes)
-    return (
-        settled.evidence,
-        now,
-        replace(
-            point,
-            theta=theta,
-            paths=tuple(problem.for_runs(path)),
-            power=settled.next_power,
-            processes=settled.next_processes,
-        ),
-    )
+    for share in 0.5 ** np.arange(HALVINGS):
+        theta = point.theta + share * settled.evidence.step
+        found = problem.for_runs(lambda i, theta=theta, share=share: path(i, theta, share))
+        if sum(f[0] for f in found) <= sum(aims):
+            break
+    return replace(point, theta=theta, paths=tuple(f[1] for f in found))

@@ -18,25 +18,21 @@ from ..core.state import CHANNELS
 
 #: Prior of a free parameter about its start, in typical sizes: only keeps what the data say nothing about where it is.
 THETA_PRIOR = 300.0
-#: Prior standard deviation of a stand-in's straight part, in typical sizes, and of the `ENDS` values at each end that
-#: are to be none.
-STRAIGHT, NONE = 100.0, 1e-4
-#: So many splines at each end reach beyond a table.
-ENDS = 2
+#: Prior standard deviation of a stand-in's straight part, in typical sizes.
+STRAIGHT = 100.0
 
 
-def roughness(effect: str, count: int, weight: float, local: bool = False) -> np.ndarray:
-    """Precision (count, count) of a stand-in's table that is smooth: ``weight`` on second differences, next to nothing
-    on the rest.
-
-    That of a ``local`` force is none at its ends, and so beyond.
-    """
+def bending(count: int) -> np.ndarray:
+    """Precision (count, count) of a table that is straight: the squares of its second differences."""
     second = np.diff(np.eye(count), 2, axis=0)
+    return second.T @ second
+
+
+def roughness(effect: str, count: int, weight: float) -> np.ndarray:
+    """Precision (count, count) of a stand-in's table that is smooth: ``weight`` on second differences, next to nothing
+    on the rest."""
     typical = catalogue()[effect].parameters["values"].typical
-    wide = np.full(count, STRAIGHT * typical)
-    if local:
-        wide[:ENDS] = wide[-ENDS:] = NONE * typical
-    return weight * second.T @ second + np.diag(wide**-2.0)
+    return weight * bending(count) + np.diag(np.full(count, (STRAIGHT * typical) ** -2.0))
 
 
 @dataclass(frozen=True)
@@ -44,14 +40,12 @@ class Structure:
     """A model whose ``free`` parameters (full names, e.g. ``eta`` or ``aerodynamic_drag.drag_area``) are to be fitted.
 
     ``theta`` vectors hold the free parameters in their fit coordinates divided by `scale`, so that a unit step is a
-    typical change of each. ``smoothness`` gives the weight of the squared second differences of a table by its effect;
-    those of ``local`` effects are none at their ends.
+    typical change of each. ``smoothness`` gives the weight of the squared second differences of a table by its effect.
     """
 
     model: Model
     free: tuple[str, ...]
     smoothness: Mapping[str, float] = field(default_factory=dict)
-    local: frozenset[str] = frozenset()
     known: tuple[np.ndarray, np.ndarray] | None = None  # mean and precision of theta from earlier runs
 
     def knowing(self, theta: np.ndarray, covariance: np.ndarray, further: Sequence[str] = ()) -> Structure:
@@ -132,9 +126,7 @@ class Structure:
         precision = np.diag(np.full(len(self.free), THETA_PRIOR**-2.0))
         for effect, weight in self.smoothness.items():
             mine = self.tables[effect]
-            precision[np.ix_(mine, mine)] = (
-                roughness(effect, len(mine), weight, effect in self.local) * self.scale[mine[0]] ** 2
-            )
+            precision[np.ix_(mine, mine)] = roughness(effect, len(mine), weight) * self.scale[mine[0]] ** 2
         return precision
 
     @cached_property
@@ -250,14 +242,14 @@ class Structure:
         }
         model = self.model.with_changes(effects={**self.model.effects, name: start})
         added = tuple(f"{name}.{p}" for p in (item.parameters if free is None else free))
-        return Structure(model, self.free + added, self.smoothness, self.local)
+        return Structure(model, self.free + added, self.smoothness)
 
     def minus(self, name: str) -> Structure:
         """This structure without one effect."""
         effects = {e: v for e, v in self.model.effects.items() if e != name}
         smoothness = {e: w for e, w in self.smoothness.items() if e != name}
         free = tuple(f for f in self.free if f.rpartition(".")[0] != name)
-        return Structure(self.model.with_changes(effects=effects), free, smoothness, self.local - {name})
+        return Structure(self.model.with_changes(effects=effects), free, smoothness)
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from ...core.effects.stand_in import basis
-from ...estimation.structure import ENDS, roughness
+from ...estimation.structure import roughness
 from .forms import Form, Range, forms_on
 
 #: Directions of a table count as seen where the data say at least this part of what the prior of its smoothness says.
@@ -65,27 +65,25 @@ class Table:
         values: np.ndarray,
         covariance: np.ndarray,
         weight: float,
-        local: bool = False,
     ) -> Table:
         """From a stand-in's fitted values (l,), their covariance (l, l) and the ``weight`` of its roughness."""
-        count, free = len(values), slice(ENDS, -ENDS) if local else slice(None)
-        plain, bent = (roughness(name, count, w)[free, free] for w in (0.0, 1.0))
+        count = len(values)
+        plain, bent = (roughness(name, count, w) for w in (0.0, 1.0))
         bends, modes = np.linalg.eigh(bent - plain)
         prior = plain[0, 0] + weight * np.where(bends > 1e-12 * bends[-1], bends, 0.0)
-        held = covariance[free, free]
         # Of bends that the prior holds far harder nothing is known.
-        sure = prior < SURE / (prior[-1] * np.linalg.norm(held, 2) ** 2)
+        sure = prior < SURE / (prior[-1] * np.linalg.norm(covariance, 2) ** 2)
         modes, prior = modes[:, sure], prior[sure]
         root = np.sqrt(prior)[:, None] * modes.T
-        whole = root @ held @ root.T
+        whole = root @ covariance @ root.T
         left, vectors = np.linalg.eigh(0.5 * (whole + whole.T))
         left = np.clip(left, 1e-14, 1.0 - 1e-14)
         said = 1.0 / left - 1.0  # the data's precision over the prior's
         seen = said > SEEN
         directions = vectors[:, seen].T @ root
-        told = np.sqrt(said[seen]) * (directions @ values[free]) / (1.0 - left[seen])
+        told = np.sqrt(said[seen]) * (directions @ values) / (1.0 - left[seen])
         u = start + np.linspace(0.0, count - 1.0, POINTS) * step
-        laid = np.linalg.pinv(basis(u, start, step, count), rcond=1e-8)[free]
+        laid = np.linalg.pinv(basis(u, start, step, count), rcond=1e-8)
         return cls(
             name.removeprefix("stand_in_"),
             variable,

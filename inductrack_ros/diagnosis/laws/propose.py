@@ -83,7 +83,6 @@ def table_of(fit: Fit, name: str) -> Table:
     mine = fit.structure.tables[name]
     scale, about = fit.structure.scale[mine], fit.structure.model.effects[name]
     covariance = fit.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
-    weight, local = fit.structure.smoothness.get(name, 0.0), name in fit.structure.local
     return Table.of(
         name,
         VARIABLES[int(about["variable"])],
@@ -91,8 +90,7 @@ def table_of(fit: Fit, name: str) -> Table:
         about["step"],
         fit.theta[mine] * scale,
         covariance,
-        weight,
-        local,
+        fit.structure.smoothness.get(name, 0.0),
     )
 
 

@@ -47,7 +47,7 @@ class LawStructure(Structure):
         }
         model = plain.model.with_changes(effects={**plain.model.effects, carrier: table})
         free = plain.free + tuple(f"{law.name}.{p}" for p in law.form.names)
-        return cls(model, free, plain.smoothness, plain.local, None, law, carrier)
+        return cls(model, free, plain.smoothness, None, law, carrier)
 
     def declared(self, name: str) -> Parameter:
         """Declaration of a free parameter."""
