@@ -8,8 +8,10 @@ would take off it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from ..estimation.likelihood import TOLERANCE
 from ..estimation.shooting import linearise_all
@@ -25,13 +27,14 @@ from .moves import (
     screened,
     settled,
     shaken,
+    smoothed_anew,
     surely_needed,
     taken_exactly,
     with_law,
     without,
 )
-from .screening import CandidateSet, Screening, laws
-from .settings import MOST_EFFECTS, NEAR, REFITTED, ROUNDS, TWINS
+from .screening import CandidateSet, Law, Screening, laws
+from .settings import FORCES_REFITTED, MOST_EFFECTS, MOST_REFITTED, NEAR, REFITTED, ROUNDS, TWINS
 
 Stage = Callable[[Task, State], State]
 
@@ -71,19 +74,18 @@ def add_background(task: Task, state: State) -> State:
 def add_known(task: Task, state: State) -> State:
     """Add the set of known effects that explains most, where it takes off more than chance would.
 
-    A force of any shape that promises far less cost than any known set comes first, for the known would only imitate
-    it."""
+    Forces of any shape compete: where one keeps more than every known set, the known would only imitate it."""
     systems = linearise_all(task.problem, state.fit)
     lacking = shaken(task, state, systems)
     screening = screened(task, state, systems, wavy=bool(lacking))
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
     plain, best = screening.scores.plain, next(iter(screening.sets), None)
-    if lacking and not state.stands_in:
-        law = next(iter(laws(task.problem, state.fit, systems, lacking)), None)
-        if law and law.gain > law_price() and (best is None or plain - law.gain + law_price() < best.cost - NEAR):
-            new = with_law(task, state, law)
-            if new.cost(task) < state.cost(task):
-                return add_background(task, new)
+    tables = laws(task.problem, state.fit, systems, lacking) if lacking and not state.stands_in else []
+    force = plain - tables[0].gain + law_price() if tables and tables[0].gain > law_price() else np.inf
+    if force < plain and (best is None or force < best.cost - NEAR):
+        new = best_force(task, state, tables)
+        if new.cost(task) < state.cost(task):
+            return add_background(task, new)
     if best is None or best.cost > plain:
         return state.told("no known effect explains more than chance would")
     if len(state.added) >= MOST_EFFECTS:
@@ -92,12 +94,34 @@ def add_known(task: Task, state: State) -> State:
         )
     if exact := exact_ones(task, state, closest(screening, plain), screening.family):
         return add_background(task, exact[0])
-    tried = promising(screening, plain)
-    found = min(all_refitted(task, state, tried, screening.family), key=lambda s: s.cost(task))
-    found = settled(task, found)
+    found = best_kept(task, state, screening)
+    if force < found.cost(task) + NEAR:
+        found = min(found, best_force(task, state, tables), key=lambda s: s.cost(task))
     if found.cost(task) > state.cost(task):
         return state.told(f"{' + '.join(found.added)} promises more than it keeps")
     return add_background(task, found)
+
+
+def best_kept(task: Task, state: State, screening: Screening) -> State:
+    """The cheapest of the sets of known effects when refitted.
+
+    Far off, first order promises too much, the more so the larger a set: single effects are refitted as long as one
+    promises more than the best has kept."""
+    plain, family = screening.scores.plain, screening.family
+    singles = [s for s in screening.sets if len(s.members) == 1]
+    batch, kept, done = promising(screening, plain), [], []
+    while batch and len(done) < MOST_REFITTED:
+        nearest = min(all_refitted(task, state, batch, family), key=lambda s: s.cost(task))
+        kept, done = [*kept, settled(task, nearest)], [*done, *batch]
+        least = min(plain, *(s.cost(task) for s in kept))
+        batch = [s for s in singles if s.cost < least and s not in done][:REFITTED]
+    return min(kept, key=lambda s: s.cost(task))
+
+
+def best_force(task: Task, state: State, tables: Sequence[Law]) -> State:
+    """The cheapest of the forces of any shape that gain most, when refitted and as smooth as the refit says."""
+    near = [law for law in tables if law.gain > max(law_price(), tables[0].gain - NEAR)][:FORCES_REFITTED]
+    return min((smoothed_anew(task, with_law(task, state, law)) for law in near), key=lambda s: s.cost(task))
 
 
 def closest(screening: Screening, plain: float) -> list[CandidateSet]:
@@ -120,13 +144,13 @@ def add_unknown(task: Task, state: State) -> State:
     if state.stands_in:
         return state
     systems = linearise_all(task.problem, state.fit)
-    law = next(iter(laws(task.problem, state.fit, systems, shaken(task, state, systems))), None)
-    if law is None or law.gain < law_price():
+    tables = laws(task.problem, state.fit, systems, shaken(task, state, systems))
+    if not tables or tables[0].gain < law_price():
         return state.told("no force of any shape is missing")
-    new = with_law(task, state, law)
+    new = best_force(task, state, tables)
     if new.cost(task) < state.cost(task):
         return add_background(task, new)
-    return state.told(f"a force in {law.acts_on} on {law.variable} promises more than it keeps")
+    return state.told(f"a force in {tables[0].acts_on} on {tables[0].variable} promises more than it keeps")
 
 
 def prune(task: Task, state: State) -> State:
