@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.effects import Effect
 from ..core.kernel import QUANTITIES
-from ..core.state import INDEX, OUTPUTS
+from ..core.state import INDEX
 from .kalman import Columns, LinearRun
 from .linear import THETA_STEP, forced, mean_pulse, next_state, pieces, read
 from .problem import Problem
