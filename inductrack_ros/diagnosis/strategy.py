@@ -74,40 +74,41 @@ def add_background(task: Task, state: State) -> State:
 def add_known(task: Task, state: State) -> State:
     """Add the set of known effects that explains most, where it takes off more than chance would.
 
-    Forces of any shape compete: where one keeps more than every known set, the known would only imitate it."""
+    Forces of any shape compete: where one keeps more than every known set, the known would only imitate it. First order
+    flatters both kinds, so both are compared refitted.
+    """
     systems = linearise_all(task.problem, state.fit)
     lacking = shaken(task, state, systems)
     screening = screened(task, state, systems, wavy=bool(lacking))
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
-    plain, best = screening.scores.plain, next(iter(screening.sets), None)
-    tables = laws(task.problem, state.fit, systems, lacking) if lacking and not state.stands_in else []
-    force = plain - tables[0].gain + law_price() if tables and tables[0].gain > law_price() else np.inf
-    if force < plain and (best is None or force < best.cost - NEAR):
-        new = best_force(task, state, tables)
-        if new.cost(task) < state.cost(task):
-            return add_background(task, new)
-    if best is None or best.cost > plain:
-        return state.told("no known effect explains more than chance would")
-    if len(state.added) >= MOST_EFFECTS:
+    pays = bool(screening.sets) and screening.sets[0].cost <= screening.scores.plain
+    if pays and len(state.added) >= MOST_EFFECTS:
         return replace(
             state.told(f"more than {MOST_EFFECTS} effects would be needed: the model is far from the rig"), far=True
         )
-    if exact := exact_ones(task, state, closest(screening, plain), screening.family):
-        return add_background(task, exact[0])
-    found = best_kept(task, state, screening)
-    if force < found.cost(task) + NEAR:
-        found = min(found, best_force(task, state, tables), key=lambda s: s.cost(task))
+    tried = [best_kept(task, state, screening)] if pays else []
+    tables = laws(task.problem, state.fit, systems, lacking) if lacking and not state.stands_in else []
+    if tables and tables[0].gain > law_price():
+        least = min((s.cost(task) for s in tried), default=screening.scores.plain)
+        if screening.scores.plain - tables[0].gain + law_price() < least + NEAR:
+            tried.append(best_force(task, state, tables))
+    if not tried:
+        return state.told("no known effect explains more than chance would")
+    found = min(tried, key=lambda s: s.cost(task))
     if found.cost(task) > state.cost(task):
         return state.told(f"{' + '.join(found.added)} promises more than it keeps")
     return add_background(task, found)
 
 
 def best_kept(task: Task, state: State, screening: Screening) -> State:
-    """The cheapest of the sets of known effects when refitted.
+    """The cheapest of the sets of known effects when refitted; one that leaves nothing but noise with contact taken
+    exactly comes first.
 
     Far off, first order promises too much, the more so the larger a set: single effects are refitted as long as one
     promises more than the best has kept."""
     plain, family = screening.scores.plain, screening.family
+    if exact := exact_ones(task, state, closest(screening, plain), family):
+        return exact[0]
     singles = [s for s in screening.sets if len(s.members) == 1]
     batch, kept, done = promising(screening, plain), [], []
     while batch and len(done) < MOST_REFITTED:

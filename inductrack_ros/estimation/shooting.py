@@ -205,13 +205,11 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     quiet = np.maximum(settled.power, QUIET)
 
     def missed(i: int) -> float:
-        counts = plain[i].scored
-        step = settled.evidence.step
-        flown_ = misses(problem, structure, i, went.theta, went.paths[i], beside[i])
-        hoped = promised(problem, structure, i, plain[i], step, moved[i], beside[i])
-        return _over(problem, i, flown_, counts, quiet, settled.systems[i]) - _over(
-            problem, i, hoped, counts, quiet, settled.systems[i]
-        )
+        kept = misses(problem, structure, i, went.theta, went.paths[i], beside[i])
+        hoped = promised(problem, structure, i, plain[i], settled.evidence.step, moved[i], beside[i])
+        of_both = (_where_told(plain[i], left) for left in (kept, hoped))
+        kept, hoped = (cost(problem, i, left, quiet, settled.systems[i]) for left in of_both)
+        return kept - hoped
 
     lost = max(float(np.sum(problem.for_runs(missed))), 0.0)
     here = replace(went, power=settled.power, processes=settled.processes)
@@ -219,9 +217,10 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     return Step(settled.evidence, here, settled.evidence.deviance + lost, onward)
 
 
-def _over(problem: Problem, i: int, left: Misses, counts: np.ndarray, power: np.ndarray, system: LinearRun) -> float:
-    """What run i costs by the readings that count."""
-    return cost(problem, i, replace(left, readings=np.where(counts, left.readings, 0.0)), power, system)
+def _where_told(system: LinearRun, left: Misses) -> Misses:
+    """What is left where a linear run promises anything: of a contact whose blows are forgiven it does not."""
+    readings = np.where(system.scored, left.readings, 0.0)
+    return replace(left, readings=readings, defects=np.where(system.touching[:-1, None], 0.0, left.defects))
 
 
 def _went(
