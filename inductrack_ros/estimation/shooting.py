@@ -207,7 +207,7 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     def missed(i: int) -> float:
         kept = misses(problem, structure, i, went.theta, went.paths[i], beside[i])
         hoped = promised(problem, structure, i, plain[i], settled.evidence.step, moved[i], beside[i])
-        of_both = (_where_told(plain[i], left) for left in (kept, hoped))
+        of_both = (_where_told(settled.systems[i], left) for left in (kept, hoped))
         kept, hoped = (cost(problem, i, left, quiet, settled.systems[i]) for left in of_both)
         return kept - hoped
 
@@ -236,7 +236,7 @@ def _went(
     active = structure.model.active_states
 
     def costs(i: int, theta: np.ndarray, path: np.ndarray) -> float:
-        left = misses(problem, structure, i, theta, path, beside[i])
+        left = _where_told(settled.systems[i], misses(problem, structure, i, theta, path, beside[i]))
         return cost(problem, i, left, settled.power, settled.systems[i])
 
     aims = problem.for_runs(lambda i: costs(i, point.theta, point.paths[i]))
