@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from ..estimation.likelihood import TOLERANCE
 from ..estimation.shooting import linearise_all
 from . import background
