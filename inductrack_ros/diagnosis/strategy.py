@@ -84,6 +84,8 @@ def add_known(task: Task, state: State) -> State:
         return replace(
             state.told(f"more than {MOST_EFFECTS} effects would be needed: the model is far from the rig"), far=True
         )
+    if pays and (exact := exact_ones(task, state, closest(screening), screening.family)):
+        return add_background(task, exact[0])  # what is read during a contact counts too: no cost compares with these
     tried = [best_kept(task, state, screening)] if pays else []
     tables = laws(task.problem, state.fit, systems, lacking) if lacking and not state.stands_in else []
     if tables and tables[0].gain > law_price():
@@ -99,14 +101,11 @@ def add_known(task: Task, state: State) -> State:
 
 
 def best_kept(task: Task, state: State, screening: Screening) -> State:
-    """The cheapest of the sets of known effects when refitted; one that leaves nothing but noise with contact taken
-    exactly comes first.
+    """The cheapest of the sets of known effects when refitted.
 
     Far off, first order promises too much, the more so the larger a set: single effects are refitted as long as one
     promises more than the best has kept."""
     plain, family = screening.scores.plain, screening.family
-    if exact := exact_ones(task, state, closest(screening, plain), family):
-        return exact[0]
     singles = [s for s in screening.sets if len(s.members) == 1]
     batch, kept, done = promising(screening, plain), [], []
     while batch and len(done) < MOST_REFITTED:
@@ -123,10 +122,10 @@ def best_force(task: Task, state: State, tables: Sequence[Law]) -> State:
     return min((smoothed_anew(task, with_law(task, state, law)) for law in near), key=lambda s: s.cost(task))
 
 
-def closest(screening: Screening, plain: float) -> list[CandidateSet]:
+def closest(screening: Screening) -> list[CandidateSet]:
     """The single effects that promise something, as far as they are near to the best of them."""
     singles = [s for s in screening.sets if len(s.members) == 1]
-    return [s for s in singles if s.deviance < min(singles[0].deviance + NEAR, plain)]
+    return [s for s in singles if s.deviance < min(singles[0].deviance + NEAR, screening.scores.plain)]
 
 
 def promising(screening: Screening, plain: float) -> list[CandidateSet]:
