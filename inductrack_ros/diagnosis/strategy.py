@@ -103,16 +103,18 @@ def add_known(task: Task, state: State) -> State:
 def best_kept(task: Task, state: State, screening: Screening) -> State:
     """The cheapest of the sets of known effects when refitted.
 
-    Far off, first order promises too much, the more so the larger a set: single effects are refitted as long as one
-    promises more than the best has kept."""
+    First order is as wrong of others as of those refitted: single effects are tried as long as their promise is nearer
+    to the best than that."""
     plain, family = screening.scores.plain, screening.family
     singles = [s for s in screening.sets if len(s.members) == 1]
-    batch, kept, done = promising(screening, plain), [], []
+    batch, kept, done, wrong = promising(screening, plain), [], [], 0.0
     while batch and len(done) < MOST_REFITTED:
-        nearest = min(all_refitted(task, state, batch, family), key=lambda s: s.cost(task))
-        kept, done = [*kept, settled(task, nearest)], [*done, *batch]
-        least = min(plain, *(s.cost(task) for s in kept))
-        batch = [s for s in singles if s.cost < least and s not in done][:REFITTED]
+        tried = all_refitted(task, state, batch, family)
+        cheapest = min(range(len(tried)), key=lambda k: tried[k].cost(task))
+        kept, done = [*kept, settled(task, tried[cheapest])], [*done, *batch]
+        wrong = max(wrong, abs(kept[-1].fit.deviance - batch[cheapest].deviance))
+        reach = min(screening.sets[0].deviance + NEAR + wrong, plain)
+        batch = [s for s in singles if s.deviance < reach and s not in done][:REFITTED]
     return min(kept, key=lambda s: s.cost(task))
 
 

@@ -89,9 +89,13 @@ class Filtered:
         return self.innovations / np.sqrt(self.variances)[:, None]
 
     def scored(self, run: LinearRun) -> tuple[np.ndarray, float]:
-        """Whitened innovations (m, c) of the readings that count, 0 for the others, and Σ log of their variances."""
+        """Whitened innovations (m, c) of the readings that count, 0 for the others; and Σ log of all variances, with 1
+        for each reading that does not count.
+
+        Such a reading costs what noise alone would: a deviance compares with that of other contacts."""
         counts = run.scored
-        return np.where(counts[:, None], self.whitened, 0.0), float(np.log(self.variances[counts]).sum())
+        rest = float(np.log(self.variances).sum()) + float(np.count_nonzero(~counts))
+        return np.where(counts[:, None], self.whitened, 0.0), rest
 
 
 @dataclass(frozen=True)

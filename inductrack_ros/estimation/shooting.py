@@ -110,16 +110,31 @@ def fit(
     shortened for a run that would fare worse for it. From the data it is done twice: where the runs touch the track the
     first time tells."""
     if point is not None:
-        return (exactly if point.exact else _descended)(problem, structure, point, steps)
+        if point.exact:
+            return exactly(problem, structure, point, steps)
+        return _touching_anew(problem, structure, _descended(problem, structure, point, steps), steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
     point = Point(
         np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes)
     )
     first = _descended(problem, structure, point, steps)
-    touching = tuple(s.touching for s in linearise_all(problem, first))
+    touching = _touching(problem, first)
     return _descended(
         problem, structure, replace(first.point, processes=tightened(first.processes), touching=touching), steps
     )
+
+
+def _touching(problem: Problem, found: Fit) -> tuple[np.ndarray, ...]:
+    """Where each run's fitted trajectory touches the track, (n,)."""
+    return tuple(s.touching for s in linearise_all(problem, replace(found.point, touching=None), found.structure))
+
+
+def _touching_anew(problem: Problem, structure: Structure, found: Fit, steps: int) -> Fit:
+    """The fit, gone on from where its trajectories touch the track at other moments than it began with."""
+    now = _touching(problem, found) if found.touching is not None else None
+    if now is None or all(np.array_equal(a, b) for a, b in zip(now, found.touching, strict=True)):
+        return found
+    return _descended(problem, structure, replace(found.point, touching=now), steps)
 
 
 def exactly(
