@@ -81,8 +81,7 @@ def left_out(problem: Problem) -> tuple[list[int], list[int]]:
 
 def of_runs(f: Fit, which: Sequence[int]) -> Point:
     """Where a fit stands in some of the runs."""
-    touching = tuple(f.touching[i] for i in which) if f.touching is not None else None
-    return replace(f.point, paths=tuple(f.paths[i] for i in which), touching=touching)
+    return replace(f.point, paths=tuple(f.paths[i] for i in which))
 
 
 def rms(r: np.ndarray) -> float:

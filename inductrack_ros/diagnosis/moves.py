@@ -172,7 +172,7 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
 
 def touches(f: Fit) -> bool:
     """Whether runs touch the track and contact is not taken exactly yet."""
-    return not f.exact and f.touching is not None and any(t.any() for t in f.touching)
+    return not f.exact and any(t.any() for t in f.touching)
 
 
 def _exact(task: Task, structure: Structure, point: Point) -> Fit | None:

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ..estimation.likelihood import TOLERANCE
 from ..estimation.shooting import linearise_all
 from . import background
@@ -106,15 +108,14 @@ def best_kept(task: Task, state: State, screening: Screening) -> State:
     First order is as wrong of others as of those refitted: single effects are tried as long as their promise is nearer
     to the best than that."""
     plain, family = screening.scores.plain, screening.family
-    singles = [s for s in screening.sets if len(s.members) == 1]
-    batch, kept, done, wrong = promising(screening, plain), [], [], 0.0
+    batch, kept, done, reach = promising(screening, plain), [], [], -np.inf
     while batch and len(done) < MOST_REFITTED:
         tried = all_refitted(task, state, batch, family)
         cheapest = min(range(len(tried)), key=lambda k: tried[k].cost(task))
         kept, done = [*kept, settled(task, tried[cheapest])], [*done, *batch]
-        wrong = max(wrong, abs(kept[-1].fit.deviance - batch[cheapest].deviance))
-        reach = min(screening.sets[0].deviance + NEAR + wrong, plain)
-        batch = [s for s in singles if s.deviance < reach and s not in done][:REFITTED]
+        promised = batch[cheapest].deviance
+        reach = max(reach, promised + NEAR + abs(kept[-1].fit.deviance - promised))
+        batch = [s for s in one_each(screening) if s.deviance < min(reach, plain) and s not in done][:REFITTED]
     return min(kept, key=lambda s: s.cost(task))
 
 
@@ -122,6 +123,12 @@ def best_force(task: Task, state: State, tables: Sequence[Law]) -> State:
     """The cheapest of the forces of any shape that gain most, when refitted and as smooth as the refit says."""
     near = [law for law in tables if law.gain > max(law_price(), tables[0].gain - NEAR)][:FORCES_REFITTED]
     return min((smoothed_anew(task, with_law(task, state, law)) for law in near), key=lambda s: s.cost(task))
+
+
+def one_each(screening: Screening) -> list[CandidateSet]:
+    """The single effects, each from its most promising start only."""
+    singles = [s for s in screening.sets if len(s.members) == 1]
+    return list({s.members[0].name: s for s in reversed(singles)}.values())[::-1]
 
 
 def closest(screening: Screening) -> list[CandidateSet]:

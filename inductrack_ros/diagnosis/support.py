@@ -84,7 +84,7 @@ def leftover(problem: Problem, final: Fit, far: bool) -> list[str]:
     if far or not final.converged:
         why = "more is missing than could be found" if far else "the fit did not settle"
         notes.append(f"{why}: what is named is a lead, its size not to be relied on")
-    if final.touching is not None and all(t.mean() > ALL_TOUCHING for t in final.touching):
+    if final.touching and all(t.mean() > ALL_TOUCHING for t in final.touching):
         notes.append(
             "the cradle touches the track in every run: lift and damping show little; runs that fly would show them"
         )

@@ -31,14 +31,12 @@ TOLERANCE = 0.5
 @dataclass(frozen=True)
 class Point:
     """Where a fit stands: theta (g,), each run's trajectory (n, N), the disturbances' power (4,), the processes beside
-    them, where each run touches the track (n,), once that is settled, and whether contact is taken ``exactly`` (see
-    `exactly`)."""
+    them, and whether contact is taken ``exactly`` (see `exactly`)."""
 
     theta: np.ndarray
     paths: tuple[np.ndarray, ...]
     power: np.ndarray
     processes: tuple[Process, ...] = ()
-    touching: tuple[np.ndarray, ...] | None = None
     exact: bool = False
 
 

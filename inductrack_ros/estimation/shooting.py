@@ -47,7 +47,7 @@ class Fit:
     """A structure fitted by multiple shooting.
 
     theta (g,), a trajectory (n, N) for each run, the power (4,) of the disturbances, the deviance (twice the negative
-    log likelihood), χ² of the innovations, and the covariance of theta (g, g)."""
+    log likelihood), χ² of the innovations, the covariance of theta (g, g), and where each run is in contact (n,)."""
 
     structure: Structure
     theta: np.ndarray
@@ -58,8 +58,8 @@ class Fit:
     covariance: np.ndarray
     converged: bool
     processes: tuple[Process, ...] = ()
-    touching: tuple[np.ndarray, ...] | None = None
     exact: bool = False
+    touching: tuple[np.ndarray, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -84,16 +84,14 @@ class Fit:
     @property
     def point(self) -> Point:
         """Where it stands."""
-        return Point(self.theta, self.paths, self.power, self.processes, self.touching, self.exact)
+        return Point(self.theta, self.paths, self.power, self.processes, self.exact)
 
 
 def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | None = None) -> list[LinearRun]:
     """Every run about a fit's trajectories, without the processes' states."""
     structure = structure or fit.structure
     systems = problem.for_runs(lambda i: linearise(problem, structure, i, fit.theta, fit.paths[i]))
-    if fit.touching is None:
-        return systems
-    return [replace(system, touching=touching) for system, touching in zip(systems, fit.touching, strict=True)]
+    return [replace(s, touching=np.zeros_like(s.touching)) for s in systems] if fit.exact else systems
 
 
 def fit(
@@ -107,34 +105,15 @@ def fit(
     a ``point`` nearby.
 
     Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Each step is
-    shortened for a run that would fare worse for it. From the data it is done twice: where the runs touch the track the
-    first time tells."""
+    shortened for a run that would fare worse for it. From the data it is done twice: the second time blows are small."""
     if point is not None:
-        if point.exact:
-            return exactly(problem, structure, point, steps)
-        return _touching_anew(problem, structure, _descended(problem, structure, point, steps), steps)
+        return (exactly if point.exact else _descended)(problem, structure, point, steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
     point = Point(
         np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes)
     )
     first = _descended(problem, structure, point, steps)
-    touching = _touching(problem, first)
-    return _descended(
-        problem, structure, replace(first.point, processes=tightened(first.processes), touching=touching), steps
-    )
-
-
-def _touching(problem: Problem, found: Fit) -> tuple[np.ndarray, ...]:
-    """Where each run's fitted trajectory touches the track, (n,)."""
-    return tuple(s.touching for s in linearise_all(problem, replace(found.point, touching=None), found.structure))
-
-
-def _touching_anew(problem: Problem, structure: Structure, found: Fit, steps: int) -> Fit:
-    """The fit, gone on from where its trajectories touch the track at other moments than it began with."""
-    now = _touching(problem, found) if found.touching is not None else None
-    if now is None or all(np.array_equal(a, b) for a, b in zip(now, found.touching, strict=True)):
-        return found
-    return _descended(problem, structure, replace(found.point, touching=now), steps)
+    return _descended(problem, structure, replace(first.point, processes=tightened(first.processes)), steps)
 
 
 def exactly(
@@ -148,10 +127,7 @@ def exactly(
     fit is not to be believed. Gauss–Newton steps from node to node may end with defects left over a stiff contact; a
     fit from end to end (``whole``) has none, and is gone on from where it leaves nothing but noise, or where that ends
     lower."""
-    touching = tuple(np.zeros(len(path), bool) for path in point.paths)
-    point = replace(
-        point, processes=tuple(p for p in point.processes if p.kind != IMPACT), touching=touching, exact=True
-    )
+    point = replace(point, processes=tuple(p for p in point.processes if p.kind != IMPACT), exact=True)
     whole = whole or end_to_end.fit(problem, structure, [path[0, :8] for path in point.paths], point.theta, FLOWN_STEPS)
 
     def from_flown() -> Fit:
@@ -191,19 +167,20 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
     now = best.point
     return Fit(
         structure, now.theta, now.paths, now.power, best.deviance, best.evidence.chi2, best.evidence.covariance,
-        idle == IDLE, now.processes, now.touching, now.exact,
+        idle == IDLE, now.processes, now.exact, best.touching,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Step:
     """A Gauss–Newton step: the evidence before it, the ``point`` it leads to with its likeliest disturbances, the
-    ``deviance`` there, and where to go on from (``next``)."""
+    ``deviance`` there, where to go on from (``next``), and where each run touched the track (n,)."""
 
     evidence: Evidence
     point: Point
     deviance: float
     next: Point
+    touching: tuple[np.ndarray, ...]
 
 
 def _step(problem: Problem, structure: Structure, point: Point) -> Step:
@@ -229,7 +206,7 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     lost = max(float(np.sum(problem.for_runs(missed))), 0.0)
     here = replace(went, power=settled.power, processes=settled.processes)
     onward = replace(went, power=settled.next_power, processes=settled.next_processes)
-    return Step(settled.evidence, here, settled.evidence.deviance + lost, onward)
+    return Step(settled.evidence, here, settled.evidence.deviance + lost, onward, tuple(s.touching for s in plain))
 
 
 def _where_told(system: LinearRun, left: Misses) -> Misses:
