@@ -112,3 +112,23 @@ def test_the_slopes_by_kicks_starts_and_readings(run):
         for k in range(told.shape[1]):
             slope = (twice_log_likelihood(larger(k, 1 + h)) - twice_log_likelihood(larger(k, 1 - h))) / (2 * h)
             assert told[0, k] - told[1, k] == pytest.approx(slope, rel=1e-5, abs=1e-7)
+
+
+def test_a_reading_that_does_not_count_costs_what_noise_alone_would(run):
+    """Over many data of noise alone the cost is the same on average, whichever readings count."""
+    rng, power = np.random.default_rng(5), np.zeros(4)
+    covariance = dense(run, power)[0]
+    still = replace(run, start_mean=np.zeros_like(run.start_mean), inputs=np.zeros_like(run.inputs))
+    half = replace(still, touching=np.arange(NODES) % 2 == 0)
+    assert 0 < half.scored.sum() < still.scored.sum()
+    apart = []
+    for _ in range(400):
+        data = np.linalg.cholesky(covariance) @ rng.standard_normal((len(run.variance), 1 + PARAMETERS))
+        costs = []
+        for linear in (still, half):
+            left, rest = run_filter(replace(linear, data=data), power).scored(linear)
+            costs.append((left**2).sum(axis=0) + rest)
+        apart.append(costs[0] - costs[1])
+    apart = np.array(apart).ravel()
+    assert abs(apart.mean()) < 4 * apart.std() / np.sqrt(len(apart))
+    assert apart.std() > 1.0
