@@ -105,7 +105,7 @@ def fit(
     a ``point`` nearby.
 
     Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Each step is
-    shortened for a run that would fare worse for it. From the data it is done twice: the second time blows are small."""
+    shortened for a run that would fare worse for it. From the data it is done twice, with small blows in the end."""
     if point is not None:
         return (exactly if point.exact else _descended)(problem, structure, point, steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
