@@ -24,6 +24,7 @@ from ..estimation.processes import (
     IMPACT,
     JITTER,
     LOOSE,
+    NOISY_RUN,
     ROUNDED,
     RUN_TO_RUN,
     WHITE,
@@ -87,7 +88,7 @@ def optional(p: Process, given: Sequence[str]) -> bool:
 def price(problem: Problem, given: Sequence[str], processes: Sequence[Process]) -> float:
     """Fall of the deviance that chance reaches with these processes in `LEVEL` of campaigns, all that are tried
     counted."""
-    family = len(problem.channels) * (FREEDOM[COLOURED] + FREEDOM[HUM] + FREEDOM[WHITE]) + 3
+    family = len(problem.channels) * (FREEDOM[COLOURED] + FREEDOM[HUM] + FREEDOM[WHITE]) + len(problem.runs) + 3
     paid = [p for p in processes if optional(p, given)]
     return sum(float(stats.chi2.isf(LEVEL / family, FREEDOM[p.kind])) for p in paid)
 
@@ -116,9 +117,9 @@ def improved(
         f = new
 
 
-def remembering(problem: Problem, f: Fit, plain: Sequence[LinearRun]) -> set[str]:
-    """Channels whose neighbouring innovations are correlated more than chance makes them."""
-    whitened = settle(problem, f.structure, plain, f.point, 1).evidence.whitened
+def remembering(problem: Problem, whitened: Sequence[np.ndarray]) -> set[str]:
+    """Channels whose neighbouring innovations are correlated more than chance makes them; ``whitened`` (m,) of each
+    run."""
     found = set()
     for c, channel in enumerate(problem.channels):
         parts = [w[d.channel == c] for d, w in zip(problem.runs, whitened, strict=True)]
@@ -128,6 +129,15 @@ def remembering(problem: Problem, f: Fit, plain: Sequence[LinearRun]) -> set[str
         if power and max(products) / (power / pairs) > limit:
             found.add(channel)
     return found
+
+
+def uneven(problem: Problem, whitened: Sequence[np.ndarray]) -> list[str]:
+    """Runs whose innovations are larger or smaller than those of most runs by more than chance makes them."""
+    powers = np.array([np.mean(w**2) if len(w) else 1.0 for w in whitened])
+    counts = np.array([max(len(w), 1) for w in whitened])
+    limit = stats.norm.isf(SUSPICION / (2 * len(powers))) * np.sqrt(2.0 / counts)
+    apart = np.abs(powers / np.median(powers) - 1.0) > limit
+    return [d.run.name for d, odd in zip(problem.runs, apart, strict=True) if odd]
 
 
 def families(
@@ -140,7 +150,8 @@ def families(
     hums = {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
     rounded = {h.channel for h in hints if h.kind == ROUNDED}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
-    suspects = remembering(problem, f, plain) | set(memory)
+    whitened = settle(problem, f.structure, plain, f.point, 1).evidence.whitened
+    suspects = remembering(problem, whitened) | set(memory)
     coloured = tuple(
         Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing))
         for c in problem.channels
@@ -154,7 +165,15 @@ def families(
         else []
     )
     own = tuple(p for p in white if p.on in suspects)
-    found = [white, coloured + own if coloured else (), jitter, hum, *((Process(RUN_TO_RUN, n, 0.05),) for n in free)]
+    noisy = tuple(Process(NOISY_RUN, n) for n in uneven(problem, whitened) if (NOISY_RUN, n) not in have)
+    found = [
+        white,
+        noisy,
+        coloured + own if coloured else (),
+        jitter,
+        hum,
+        *((Process(RUN_TO_RUN, n, 0.05),) for n in free),
+    ]
     return [one for one in found if one]
 
 

@@ -14,7 +14,7 @@ from ..checks.finding import number, quantity
 from ..core.state import COORDINATES
 from ..estimation.likelihood import settle
 from ..estimation.problem import Problem
-from ..estimation.processes import COLOURED, HUM, JITTER, RUN_TO_RUN, WHITE, Process
+from ..estimation.processes import COLOURED, HUM, JITTER, NOISY_RUN, RUN_TO_RUN, WHITE, Process
 from ..estimation.shooting import Fit, linearise_all
 from . import background
 from .errors import of_runs, own_thetas
@@ -89,6 +89,9 @@ def _of_process(task: Task, state: State, p: Process) -> Finding | None:
             p.on,
             size={"ratio": ratio},
         )
+    if p.kind == NOISY_RUN:
+        text = f"the noise of {p.on} is {number(p.size)} times that of the other runs, in all channels"
+        return Finding(WHITE, WARNING, text, "look what was different in that run", run=p.on, size={"ratio": p.size})
     if p.kind == COLOURED:
         text = (
             f"the noise of {p.on} is coloured: it forgets itself in {number(1e3 * p.time)} ms,"

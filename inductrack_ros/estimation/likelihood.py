@@ -219,6 +219,7 @@ def cost(problem: Problem, i: int, left: Misses, power: np.ndarray, system: Line
         place, rate = left.defects[:, c], left.defects[:, 4 + c]
         q, kicks = max(power[c], NO_POWER), system.kicks[:-1, 4 + c]
         a, b, d = q * T**3 / 3.0, q * T**2 / 2.0, q * T + kicks
-        total += float(np.sum((d * place**2 - 2.0 * b * place * rate + a * rate**2) / (a * d - b**2)))
+        with np.errstate(invalid="ignore"):  # a trajectory that leaves all bounds has infinite defects
+            total += float(np.sum((d * place**2 - 2.0 * b * place * rate + a * rate**2) / (a * d - b**2)))
     total += float(np.sum((left.start / STATE_PRIOR[problem.runs[i].free_states]) ** 2))
     return total if np.isfinite(total) else np.inf

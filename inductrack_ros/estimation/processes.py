@@ -17,16 +17,25 @@ from .kalman import LinearRun, Smoothed
 from .problem import Problem, RunData
 from .structure import Structure
 
-WHITE, COLOURED, HUM, JITTER, RUN_TO_RUN, IMPACT, ROUNDED = (
-    "noise_differs", "coloured_noise", "hum", "time_jitter", "run_to_run", "impact", "quantised"
+WHITE, NOISY_RUN, COLOURED, HUM, JITTER, RUN_TO_RUN, IMPACT, ROUNDED = (
+    "noise_differs", "noisy_run", "coloured_noise", "hum", "time_jitter", "run_to_run", "impact", "quantised"
 )  # fmt: skip
 #: Kinds that are there or not; their size is not sought.
 HELD = (IMPACT, ROUNDED)
 #: States that each kind adds to a run, and parameters that it has to be found.
-STATES = {WHITE: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
-FREEDOM = {WHITE: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
+STATES = {WHITE: 0, NOISY_RUN: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
+FREEDOM = {WHITE: 1, NOISY_RUN: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
 #: A process of this size is none: its share of the noise, s, share of a typical size.
-NONE = {WHITE: 1e-2, COLOURED: 1e-3, HUM: 1e-3, JITTER: 1e-7, RUN_TO_RUN: 1e-6, IMPACT: 1e-6, ROUNDED: 1e-6}
+NONE = {
+    WHITE: 1e-2,
+    NOISY_RUN: 1e-2,
+    COLOURED: 1e-3,
+    HUM: 1e-3,
+    JITTER: 1e-7,
+    RUN_TO_RUN: 1e-6,
+    IMPACT: 1e-6,
+    ROUNDED: 1e-6,
+}
 #: Size (m/s at each node) of an impact while a fit looks where the runs touch the track, and from then on: small enough
 #: that the normal force stays what the model says, for friction hangs on it; large enough that the nodes of a stiff
 #: contact find their place.
@@ -37,9 +46,10 @@ STRUCK, STRUCK_BY = slice(5, 8), np.array([1.0, 1.0, 10.0])
 
 @dataclass(frozen=True)
 class Process:
-    """One process: its kind, the channel or free parameter it is ``on``, its size and its time.
+    """One process: its kind, the channel, run or free parameter it is ``on``, its size and its time.
 
-    ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude), in s (jitter),
+    ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude; noisy run: of
+    every channel in that run), in s (jitter),
     in typical sizes (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right
     to the last micrometre), of the share of a rounding error that the model foretells (quantised, its step in
     ``time``); never above ``most``. ``time`` (s) is the correlation time of coloured noise and the period of a hum."""
@@ -65,6 +75,8 @@ def augmented(
     for p in processes:
         if p.kind == WHITE:
             variance[data.channel == problem.channels.index(p.on)] *= p.size**2
+        if p.kind == NOISY_RUN and p.on == data.run.name:
+            variance *= p.size**2
         if p.kind == IMPACT:
             kicked[system.touching, STRUCK] += (p.size * STRUCK_BY) ** 2
             variance += _struck_since(data, system) @ (p.size * STRUCK_BY) ** 2
@@ -185,6 +197,9 @@ def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smooth
             c = problem.channels.index(p.on)
             for data, s in zip(problem.runs, smooth, strict=True):
                 result[:, k] += s.of_readings[:, data.channel == c].sum(axis=1)
+        elif p.kind == NOISY_RUN:
+            for data, s in zip(problem.runs, smooth, strict=True):
+                result[:, k] += s.of_readings.sum(axis=1) * (data.run.name == p.on)
         elif p.kind == IMPACT:
             result[:, k] = 1.0
         else:
