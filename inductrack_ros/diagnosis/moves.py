@@ -21,7 +21,7 @@ from ..estimation.processes import augmented
 from ..estimation.shooting import ANEW, FIRST_POWER, FLOWN_STEPS, Fit, exactly, fit, linearise_all
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
-from . import background, placed
+from . import background, placed, unheard
 from .screening import Candidate, CandidateSet, Law, Screening, names, screen, table_of
 from .settings import LEVEL, LOOK_STEPS, NEAR, REFIT_STEPS, REFITTED, SHAKEN, TWINS
 
@@ -138,6 +138,9 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
 
 def _with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Structure, Point]:
     """A fit's structure and point with a set of known effects at the sizes that it promises."""
+    for member in found.members:
+        if member.unheard:
+            f = unheard.without(problem, f, member.unheard, LOOK_STEPS)
     structure, theta, paths = f.structure, f.theta, f.paths
     for member in found.members:
         structure = structure.plus(member.name, member.start)

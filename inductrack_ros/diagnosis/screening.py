@@ -22,7 +22,7 @@ from ..estimation.processes import augmented
 from ..estimation.scores import TWO_SHARES, Background, Scores, scores, widened
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
-from . import placed
+from . import placed, unheard
 from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, LEVEL, MEDIUM
 from .smooth import Smooth, smoothest_of
 
@@ -44,6 +44,7 @@ class Candidate:
     parameters: int = 1
     tries: int = 1
     sized: tuple[str, ...] = ()  # beside a start that leaves the size open, the parameter that each column is of
+    unheard: tuple[np.ndarray, ...] = ()  # by run, the readings (m,) that its sensor would not respond to
 
     def price(self, family: int) -> float:
         """Fall of the deviance that chance reaches in `LEVEL` of campaigns with ``family`` candidates."""
@@ -60,6 +61,11 @@ class CandidateSet:
     cost: float
     sizes: Mapping[str, np.ndarray]
     background: Background
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Its members' labels."""
+        return tuple(m.label for m in self.members)
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,9 @@ def screen(
     parts = columns.of_parameters(problem, fit, [n for n in wanted if parameters[n]], pulses)
     parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not parameters[n]}
     for n, start in at_once.items():
-        candidates[n], parts[n] = Candidate(n, n, start, len(start)), columns.of_switch(problem, fit, n, start)
+        dead = unheard.unheard(problem, fit, n, start)
+        candidates[n] = Candidate(n, n, start, len(start), unheard=dead if any(d.any() for d in dead) else ())
+        parts[n] = columns.of_switch(problem, fit, n, start)
     if wavy and WAVES in names(problem, fit.structure):
         for candidate, part in _waves(problem, fit, systems):
             candidates[candidate.label], parts[candidate.label] = candidate, part
@@ -110,7 +118,24 @@ def screen(
         for candidate, part in _placed(problem, fit, systems, name, covered, pulses):
             candidates[candidate.label], parts[candidate.label] = candidate, part
     found = scores(problem, fit, parts, systems, backgrounds)
-    return Screening(candidates, found, _sets(candidates, found))
+    sets = {s.labels: s for s in _sets(candidates, found)}
+    price = backgrounds[0].price if backgrounds else 0.0
+    sets |= {
+        s.labels: s
+        for c in candidates.values()
+        if c.unheard
+        for s in [_censored(problem, fit, systems, c, price, len(candidates))]
+    }
+    return Screening(candidates, found, tuple(sorted(sets.values(), key=lambda s: s.cost)))
+
+
+def _censored(
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], one: Candidate, price: float, family: int
+) -> CandidateSet:
+    """A candidate alone, with what the readings promise that its sensor responds to."""
+    deviance, background = unheard.promised(problem, fit, systems, one.unheard, price)
+    sizes = {one.label: np.zeros(len(one.start))}
+    return CandidateSet((one,), deviance, deviance + one.price(family), sizes, background)
 
 
 def _of_readings(problem: Problem, known: Mapping[str, Effect], name: str) -> Mapping[str, float]:

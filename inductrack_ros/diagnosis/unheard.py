@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Readings at which a sensor with some effect would not respond: one at the end of its range says only that the
+coordinate is at least there.
+
+A trajectory that was fitted to such readings follows them, so the effect shows nothing of itself there. It is told by
+what the data want without these readings (censored data)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..core.state import OUTPUTS
+from ..estimation.kalman import LinearRun
+from ..estimation.likelihood import settle
+from ..estimation.linear import outputs_of, read
+from ..estimation.problem import Problem
+from ..estimation.scores import Background
+from ..estimation.shooting import Fit, fit
+from ..estimation.structure import Structure
+
+#: A variance at which a reading says nothing.
+MUTE = 1e12
+#: A reading that may be off by so many sigmas is not heard where the sensor shows less than this part of that.
+REACH, HEARD = 3.0, 0.9
+#: Passes of the disturbances' power at one linearisation.
+PASSES = 10
+
+
+def unheard(problem: Problem, f: Fit, name: str, start: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+    """By run, the readings (m,) of a sensor's channel that it would not respond to with an effect at these values."""
+    plain = Structure(f.model, ())
+    faulty, mine = plain.plus(name, start, ()), problem.channels.index(name.partition(":")[2])
+
+    def one(i: int) -> np.ndarray:
+        data, none = problem.runs[i], np.zeros((1, 0))
+        outputs, own = outputs_of(problem, f, i), np.flatnonzero(data.channel == mine)
+        shown = []
+        for side in (-REACH, REACH):
+            moved = outputs.reshape(len(data.grid), 1, len(OUTPUTS)).copy()
+            moved[data.row[own], 0, data.column[own]] = data.y[own] + side * problem.sigma[mine]
+            shown.append(read(problem, faulty, i, moved, none)[0][own])
+        found = np.zeros(len(data.y), bool)
+        found[own] = shown[1] - shown[0] < HEARD * 2.0 * REACH * problem.sigma[mine]
+        return found
+
+    return tuple(problem.for_runs(one))
+
+
+def promised(
+    problem: Problem, f: Fit, systems: Sequence[LinearRun], dead: Sequence[np.ndarray], price: float
+) -> tuple[float, Background]:
+    """The deviance without these readings, each of which costs what noise would, and the background that suits it;
+    ``price`` is what its processes cost by chance."""
+    muted = [replace(s, variance=np.where(d, MUTE, s.variance)) for s, d in zip(systems, dead, strict=True)]
+    there = settle(problem, f.structure, muted, f.point, PASSES)
+    count = sum(int((d & s.scored).sum()) for s, d in zip(muted, dead, strict=True))
+    all_of_them = sum(int(d.sum()) for d in dead)
+    deviance = there.evidence.deviance - all_of_them * np.log(MUTE) + count
+    return deviance + price, Background(there.power, there.processes, price)
+
+
+def without(problem: Problem, f: Fit, dead: Sequence[np.ndarray], steps: int) -> Fit:
+    """The fit that these readings have no part in."""
+    muted = problem.subset(range(len(problem.runs)))
+    muted.variances = tuple(np.where(d, MUTE, problem.variance(i)) for i, d in enumerate(dead))
+    return fit(muted, f.structure, f.point, steps)
