@@ -165,7 +165,8 @@ def families(
         else []
     )
     own = tuple(p for p in white if p.on in suspects)
-    noisy = tuple(Process(NOISY_RUN, n) for n in uneven(problem, whitened) if (NOISY_RUN, n) not in have)
+    odd = [] if rounded else uneven(problem, whitened)  # the noise of rounded readings is their step
+    noisy = tuple(Process(NOISY_RUN, n) for n in odd if (NOISY_RUN, n) not in have)
     found = [
         white,
         noisy,

@@ -114,7 +114,7 @@ def best_kept(task: Task, state: State, screening: Screening) -> State:
         cheapest = min(range(len(tried)), key=lambda k: tried[k].cost(task))
         kept, done = [*kept, settled(task, tried[cheapest])], [*done, *batch]
         promised = batch[cheapest].deviance
-        reach = max(reach, promised + NEAR + abs(kept[-1].fit.deviance - promised))
+        reach = max(reach, promised + abs(kept[-1].fit.deviance - promised))
         batch = [s for s in one_each(screening) if s.deviance < min(reach, plain) and s not in done][:REFITTED]
     return min(kept, key=lambda s: s.cost(task))
 
