@@ -14,10 +14,11 @@ import numpy as np
 
 from ..core.state import OUTPUTS
 from ..estimation.kalman import LinearRun
-from ..estimation.likelihood import settle
+from ..estimation.likelihood import weigh
 from ..estimation.linear import outputs_of, read
 from ..estimation.problem import Problem
-from ..estimation.scores import Background
+from ..estimation.processes import augmented
+from ..estimation.scores import SHARES, Background
 from ..estimation.shooting import Fit, fit
 from ..estimation.structure import Structure
 
@@ -25,8 +26,6 @@ from ..estimation.structure import Structure
 MUTE = 1e12
 #: A reading that may be off by so many sigmas is not heard where the sensor shows less than this part of that.
 REACH, HEARD = 3.0, 0.9
-#: Passes of the disturbances' power at one linearisation.
-PASSES = 10
 
 
 def unheard(problem: Problem, f: Fit, name: str, start: Mapping[str, float]) -> tuple[np.ndarray, ...]:
@@ -52,14 +51,16 @@ def unheard(problem: Problem, f: Fit, name: str, start: Mapping[str, float]) -> 
 def promised(
     problem: Problem, f: Fit, systems: Sequence[LinearRun], dead: Sequence[np.ndarray], price: float
 ) -> tuple[float, Background]:
-    """The deviance without these readings, each of which costs what noise would, and the background that suits it;
-    ``price`` is what its processes cost by chance."""
+    """The deviance without these readings, each of which costs what noise would, at the power that suits best, and the
+    background there; ``price`` is what its processes cost by chance."""
     muted = [replace(s, variance=np.where(d, MUTE, s.variance)) for s, d in zip(systems, dead, strict=True)]
-    there = settle(problem, f.structure, muted, f.point, PASSES)
-    count = sum(int((d & s.scored).sum()) for s, d in zip(muted, dead, strict=True))
-    all_of_them = sum(int(d.sum()) for d in dead)
-    deviance = there.evidence.deviance - all_of_them * np.log(MUTE) + count
-    return deviance + price, Background(there.power, there.processes, price)
+    full = problem.for_runs(lambda i: augmented(problem, f.structure, i, muted[i], f.processes))
+    powers = [share * f.power for share in SHARES]
+    deviances = [weigh(problem, f.structure, full, f.theta, power).deviance for power in powers]
+    best = int(np.argmin(deviances))
+    scored = sum(int((d & s.scored).sum()) for s, d in zip(muted, dead, strict=True))
+    muting = sum(float(np.log(MUTE) * d.sum()) for d in dead)
+    return deviances[best] - muting + scored + price, Background(powers[best], f.processes, price)
 
 
 def without(problem: Problem, f: Fit, dead: Sequence[np.ndarray], steps: int) -> Fit:
