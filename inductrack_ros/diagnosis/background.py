@@ -132,12 +132,22 @@ def remembering(problem: Problem, whitened: Sequence[np.ndarray]) -> set[str]:
 
 
 def uneven(problem: Problem, whitened: Sequence[np.ndarray]) -> list[str]:
-    """Runs whose innovations are larger or smaller than those of most runs by more than chance makes them."""
-    powers = np.array([np.mean(w**2) if len(w) else 1.0 for w in whitened])
-    counts = np.array([max(len(w), 1) for w in whitened])
-    limit = stats.norm.isf(SUSPICION / (2 * len(powers))) * np.sqrt(2.0 / counts)
-    apart = np.abs(powers / np.median(powers) - 1.0) > limit
-    return [d.run.name for d, odd in zip(problem.runs, apart, strict=True) if odd]
+    """Runs in which the innovations of every channel are larger, or of every channel smaller, than in most runs, by
+    more than chance makes them: physics that is missing does not show in all channels alike."""
+    shape = len(problem.runs), len(problem.channels)
+    powers, counts = np.ones(shape), np.zeros(shape)
+    for i, (d, w) in enumerate(zip(problem.runs, whitened, strict=True)):
+        for c in np.unique(d.channel):
+            mine = w[d.channel == c]
+            powers[i, c], counts[i, c] = np.mean(mine**2), len(mine)
+    usual = np.array([np.median(powers[counts[:, c] > 0, c]) if counts[:, c].any() else 1.0 for c in range(shape[1])])
+    limit = stats.norm.isf(SUSPICION / (2 * shape[0])) * np.sqrt(2.0 / np.maximum(counts, 1.0))
+    apart = powers / np.maximum(usual, 1e-300) - 1.0
+    odd = [
+        ((a > most) | (n == 0)).all() or ((a < -most) | (n == 0)).all()
+        for a, most, n in zip(apart, limit, counts, strict=True)
+    ]
+    return [d.run.name for d, one in zip(problem.runs, odd, strict=True) if one]
 
 
 def families(

@@ -96,7 +96,7 @@ def screen(
     problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background] = (), wavy: bool = True
 ) -> Screening:
     """Every candidate and every small set of them at a fit, beside each of the backgrounds (the fit's own unless
-    given); ``wavy``: waves of the track too."""
+    given); ``wavy``, where something shakes the plant: waves of the track too."""
     known = fit.model.known_effects
     somewhere = [n for n in names(problem, fit.structure) if placed.is_placed(known[n.partition(":")[0]])]
     at_once = {n: start for n in names(problem, fit.structure) if (start := _of_readings(problem, known, n))}
@@ -106,8 +106,9 @@ def screen(
     pulses = columns.mean_pulses(problem, fit, systems)
     parts = columns.of_parameters(problem, fit, [n for n in wanted if parameters[n]], pulses)
     parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not parameters[n]}
+    follows = wavy and not fit.exact  # a plant that nothing shakes does not follow its readings
     for n, start in at_once.items():
-        dead = unheard.unheard(problem, fit, n, start)
+        dead = unheard.unheard(problem, fit, n, start) if follows else ()
         candidates[n] = Candidate(n, n, start, len(start), unheard=dead if any(d.any() for d in dead) else ())
         parts[n] = columns.of_switch(problem, fit, n, start)
     if wavy and WAVES in names(problem, fit.structure):
