@@ -26,8 +26,7 @@ from .structure import Structure
 #: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the
 #: data.
 FIRST_POWER = np.array([1e2, 1e1, 1e1, 1e2])
-#: Share of that power with which a fit begins in coordinates that no reading shows, and anew where an effect was taken
-#: away: trajectories are good, the power
+#: Share of that power with which a fit begins anew where an effect was taken away: its trajectories are good, its power
 #: is not.
 ANEW = 1e-4
 #: Gauss–Newton steps at the most.
@@ -110,18 +109,11 @@ def fit(
     if point is not None:
         return (exactly if point.exact else _descended)(problem, structure, point, steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
-    point = Point(np.clip(structure.start, *structure.bounds), paths, np.zeros(4), tuple(processes))
-    first_power = FIRST_POWER * np.where(_shown(linearise_all(problem, point, structure)), 1.0, ANEW)
-    point = replace(point, power=first_power * problem.model.moving)
+    point = Point(
+        np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes)
+    )
     first = _descended(problem, structure, point, steps)
     return _descended(problem, structure, replace(first.point, processes=tightened(first.processes)), steps)
-
-
-def _shown(systems: Sequence[LinearRun]) -> np.ndarray:
-    """Whether any reading shows each coordinate or its rate (4,). Where none does, there are no data for a trajectory
-    to stay on, and a large power would only let it run wild."""
-    seen = np.any([(s.sensitivity != 0.0).any(axis=0) for s in systems], axis=0)
-    return seen[:4] | seen[4:8]
 
 
 def exactly(
@@ -195,8 +187,9 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     """A step from a point, shortened where the runs would fare worse for it.
 
     Its deviance is what the linear runs promise and by how much the trajectories that are flown miss that: far from
-    linear a promise is not kept. A fit that takes contact exactly begins where trajectories are flown, and promises
-    hold; what they miss in a stiff contact is rounding."""
+    linear a promise is not kept. What is missed says nothing where a coordinate is free to run anywhere, for no reading
+    shows it, nor where contact is taken exactly: there trajectories begin as flown, and a stiff contact makes much of
+    little."""
     plain = linearise_all(problem, point, structure)
     settled = settle(problem, structure, plain, point, POWER_STEPS, follow=True)
     A = len(structure.model.active_states)
@@ -212,10 +205,19 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
         kept, hoped = (cost(problem, i, left, quiet, settled.systems[i]) for left in of_both)
         return kept - hoped
 
-    lost = 0.0 if point.exact else max(float(np.sum(problem.for_runs(missed))), 0.0)
+    told = not point.exact and _all_shown(structure.model.active_states, plain)
+    lost = max(float(np.sum(problem.for_runs(missed))), 0.0) if told else 0.0
     here = replace(went, power=settled.power, processes=settled.processes)
     onward = replace(went, power=settled.next_power, processes=settled.next_processes)
     return Step(settled.evidence, here, settled.evidence.deviance + lost, onward, tuple(s.touching for s in plain))
+
+
+def _all_shown(active: np.ndarray, systems: Sequence[LinearRun]) -> bool:
+    """Whether some reading shows each coordinate that moves, or its rate; ``active`` (A,) are the linear runs'
+    states."""
+    seen = np.any([(s.sensitivity != 0.0).any(axis=0) for s in systems], axis=0)
+    own = active < 8
+    return bool(np.isin(active[own] % 4, active[own & seen] % 4).all())
 
 
 def _where_told(system: LinearRun, left: Misses) -> Misses:
