@@ -205,19 +205,17 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
         kept, hoped = (cost(problem, i, left, quiet, settled.systems[i]) for left in of_both)
         return kept - hoped
 
-    told = not point.exact and _all_shown(structure.model.active_states, plain)
+    told = not point.exact and _all_shown(problem.model.moving, plain)
     lost = max(float(np.sum(problem.for_runs(missed))), 0.0) if told else 0.0
     here = replace(went, power=settled.power, processes=settled.processes)
     onward = replace(went, power=settled.next_power, processes=settled.next_processes)
     return Step(settled.evidence, here, settled.evidence.deviance + lost, onward, tuple(s.touching for s in plain))
 
 
-def _all_shown(active: np.ndarray, systems: Sequence[LinearRun]) -> bool:
-    """Whether some reading shows each coordinate that moves, or its rate; ``active`` (A,) are the linear runs'
-    states."""
+def _all_shown(moving: np.ndarray, systems: Sequence[LinearRun]) -> bool:
+    """Whether some reading shows each coordinate that moves (``moving`` (4,) above 0), or its rate."""
     seen = np.any([(s.sensitivity != 0.0).any(axis=0) for s in systems], axis=0)
-    own = active < 8
-    return bool(np.isin(active[own] % 4, active[own & seen] % 4).all())
+    return bool((seen[:4] | seen[4:8])[moving > 0.0].all())
 
 
 def _where_told(system: LinearRun, left: Misses) -> Misses:
