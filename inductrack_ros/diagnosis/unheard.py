@@ -24,7 +24,8 @@ from ..estimation.structure import Structure
 
 #: A variance at which a reading says nothing.
 MUTE = 1e12
-#: A reading that may be off by so many sigmas is not heard where the sensor shows less than this part of that.
+#: A coordinate that may be off by so many sigmas is not heard where the sensor shows less than this part of that. The
+#: trajectory says where, not the readings: those at the end of a range are the ones with the largest noise.
 REACH, HEARD = 3.0, 0.9
 
 
@@ -39,7 +40,7 @@ def unheard(problem: Problem, f: Fit, name: str, start: Mapping[str, float]) -> 
         shown = []
         for side in (-REACH, REACH):
             moved = outputs.reshape(len(data.grid), 1, len(OUTPUTS)).copy()
-            moved[data.row[own], 0, data.column[own]] = data.y[own] + side * problem.sigma[mine]
+            moved[data.row[own], 0, data.column[own]] += side * problem.sigma[mine]
             shown.append(read(problem, faulty, i, moved, none)[0][own])
         found = np.zeros(len(data.y), bool)
         found[own] = shown[1] - shown[0] < HEARD * 2.0 * REACH * problem.sigma[mine]
