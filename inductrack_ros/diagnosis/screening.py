@@ -14,8 +14,8 @@ from ..core.effects import Effect, catalogue
 from ..core.effects.stand_in import basis
 from ..core.state import COORDINATES, MOVING
 from ..estimation import columns
-from ..estimation.kalman import Columns, LinearRun, run_filter
-from ..estimation.likelihood import NO_POWER
+from ..estimation.kalman import Columns, LinearRun, log_determinant, run_filter
+from ..estimation.likelihood import NO_POWER, tally
 from ..estimation.linear import acting, force_columns, histories, outputs_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
@@ -289,17 +289,18 @@ def _blocks(
 
     def one(i: int):
         system = augmented(problem, fit.structure, i, widened(systems[i], [parts[i]]), fit.processes)
-        w, determinant = run_filter(system, power).scored(system)
+        filtered = run_filter(system, power)
+        w = filtered.scored(system)
         nuisance, more = w[:, : 1 + g], w[:, 1 + g :]
         own = [more[:, a:b].T @ more[:, a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
-        return nuisance.T @ nuisance, nuisance.T @ more, own, determinant
+        return nuisance.T @ nuisance, nuisance.T @ more, own, tally(problem, i, filtered, system)
 
     found = problem.for_runs(one)
     small, cross = sum(f[0] for f in found), sum(f[1] for f in found)
     A, b = small[1:, 1:] + prior, -small[1:, 0] + pull
     inverse = np.linalg.pinv(A, rcond=1e-14, hermitian=True) if g else np.zeros((0, 0))
     step = inverse @ b
-    base = float(small[0, 0] - b @ step) + sum(f[3] for f in found)
+    base = float(small[0, 0] - b @ step) + log_determinant(sum(f[3] for f in found))
     gram, score = [], []
     for k, (lo, hi) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
         B = cross[1:, lo:hi]
@@ -388,9 +389,8 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     other = np.setdiff1d(np.arange(len(fit.theta)), mine)
 
     def one(i: int) -> np.ndarray:
-        w, _ = run_filter(
-            augmented(problem, structure, i, systems[i], fit.processes), np.where(fit.power > NO_POWER, fit.power, 0.0)
-        ).scored(systems[i])
+        system = augmented(problem, structure, i, systems[i], fit.processes)
+        w = run_filter(system, np.where(fit.power > NO_POWER, fit.power, 0.0)).scored(system)
         return w.T @ w
 
     whole = sum(problem.for_runs(one))

@@ -88,14 +88,29 @@ class Filtered:
         """Innovations over their standard deviations, (m, c)."""
         return self.innovations / np.sqrt(self.variances)[:, None]
 
-    def scored(self, run: LinearRun) -> tuple[np.ndarray, float]:
-        """Whitened innovations (m, c) of the readings that count, 0 for the others; and Σ log of all variances, with 1
-        for each reading that does not count.
+    def scored(self, run: LinearRun) -> np.ndarray:
+        """Whitened innovations (m, c) of the readings that count, 0 for the others."""
+        return np.where(run.scored[:, None], self.whitened, 0.0)
 
-        Such a reading costs what noise alone would: a deviance compares with that of other contacts."""
+    def tally(self, run: LinearRun, channel: np.ndarray, channels: int) -> np.ndarray:
+        """What `log_determinant` needs of a run, (5, channels), from the channel (m,) of each reading.
+
+        Of those that count: Σ log of their variances, Σ log of the variances over their noise's, their number. Of the
+        others: Σ log of their noise's variance, their number."""
         counts = run.scored
-        rest = float(np.log(self.variances).sum()) + float(np.count_nonzero(~counts))
-        return np.where(counts[:, None], self.whitened, 0.0), rest
+        of_noise, whole = np.log(run.variance), np.log(self.variances)
+        parts = (whole * counts, (whole - of_noise) * counts, counts, of_noise * ~counts, ~counts)
+        return np.array([np.bincount(channel, weights=w.astype(float), minlength=channels) for w in parts])
+
+
+def log_determinant(tally: np.ndarray) -> float:
+    """Σ log of all innovations' variances, from what all runs tell (5, channels); 1 more for each reading that does not
+    count.
+
+    Such a reading costs what others of its channel cost that are nothing but noise to the model: a deviance compares
+    with that of other contacts, and how stiff a node's contact happens to be does not matter."""
+    counted, wider, many, of_noise, rest = tally
+    return float(np.sum(counted + of_noise + rest * (1.0 + wider / np.maximum(many, 1.0))))
 
 
 @dataclass(frozen=True)

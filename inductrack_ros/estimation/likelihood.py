@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .kalman import Filtered, LinearRun, Smoothed, run_filter, run_smoother
+from .kalman import Filtered, LinearRun, Smoothed, log_determinant, run_filter, run_smoother
 from .linear import pieces, read
 from .problem import STATE_PRIOR, Problem
 from .processes import Process, augmented, resized, told, variances
@@ -62,7 +62,8 @@ def weigh(
     filtered = tuple(problem.for_runs(lambda i: run_filter(systems[i], shaken)))
     g = len(theta)
     A, b = structure.precision.copy(), structure.precision @ (structure.centre - theta)
-    whitened, determinants = zip(*(f.scored(system) for f, system in zip(filtered, systems, strict=True)), strict=True)
+    whitened = [f.scored(system) for f, system in zip(filtered, systems, strict=True)]
+    tallies = [tally(problem, i, f, system) for i, (f, system) in enumerate(zip(filtered, systems, strict=True))]
     for w in whitened:
         A += w[:, 1:].T @ w[:, 1:]
         b -= w[:, 1:].T @ w[:, 0]
@@ -72,8 +73,13 @@ def weigh(
     covariance = np.zeros((g, g))
     if free.any():
         covariance[np.ix_(free, free)] = np.linalg.pinv(A[np.ix_(free, free)], rcond=1e-15, hermitian=True)
-    deviance = chi2 + structure.surprise(theta + step) + sum(determinants)
+    deviance = chi2 + structure.surprise(theta + step) + log_determinant(sum(tallies))
     return Evidence(deviance, chi2, left, filtered, step, covariance)
+
+
+def tally(problem: Problem, i: int, filtered: Filtered, system: LinearRun) -> np.ndarray:
+    """What `log_determinant` needs of run i, (5, channels)."""
+    return filtered.tally(system, problem.runs[i].channel, len(problem.channels))
 
 
 def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structure) -> tuple[np.ndarray, np.ndarray]:

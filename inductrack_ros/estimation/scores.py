@@ -13,8 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from .kalman import Columns, LinearRun, run_filter
-from .likelihood import NO_POWER
+from .kalman import Columns, LinearRun, log_determinant, run_filter
+from .likelihood import NO_POWER, tally
 from .problem import Problem
 from .processes import Process, augmented
 from .shooting import Fit
@@ -138,9 +138,10 @@ def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
 
 
 def _level(problem: Problem, systems: Sequence[LinearRun], power: np.ndarray, background: Background) -> Level:
-    def one(i: int) -> tuple[np.ndarray, float]:
-        w, determinant = run_filter(systems[i], power).scored(systems[i])
-        return w.T @ w, determinant
+    def one(i: int) -> tuple[np.ndarray, np.ndarray]:
+        filtered = run_filter(systems[i], power)
+        w = filtered.scored(systems[i])
+        return w.T @ w, tally(problem, i, filtered, systems[i])
 
     found = problem.for_runs(one)
-    return Level(power, background, sum(g for g, _ in found), sum(d for _, d in found))
+    return Level(power, background, sum(g for g, _ in found), log_determinant(sum(t for _, t in found)))

@@ -26,8 +26,8 @@ def start(problem: Problem, structure: Structure, i: int) -> np.ndarray:
     def deviance(c: int, exponent: float, power: np.ndarray) -> float:
         tried = power.copy()
         tried[c] = 10.0**exponent
-        whitened, determinant = run_filter(kinematic, tried).scored(kinematic)
-        return float((whitened[:, 0] ** 2).sum() + determinant)
+        filtered = run_filter(kinematic, tried)
+        return float((filtered.whitened[:, 0] ** 2).sum() + np.log(filtered.variances).sum())
 
     power = model.moving * 1e2
     seen = [c for c in range(4) if power[c] and (kinematic.sensitivity[:, [c, 4 + c]] != 0).any()]
