@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from rclpy.node import Node
 
+from .listeners import recorders
 from .simulation import Simulation
 
 STANDS = 0.01  # m/s; friction lets a cradle creep for ever
@@ -24,16 +25,12 @@ class Rest:
         """Whether a new run is due: it has been at rest for two looks, and nobody records. Says once that it rests, and
         why."""
         rests = abs(simulation.x[4]) < STANDS and abs(simulation.begun_at) > STANDS
-        due = rests and self._rested and self._may_begin_anew and not self._somebody_records()
+        due = rests and self._rested and self._may_begin_anew and not recorders(self._node, "pose")
         self._rested = rests and not due
         if rests and not self._said:
             self._said = True
             self._node.get_logger().warning(self._sentence(simulation))
         return due
-
-    def _somebody_records(self) -> bool:
-        """A bag is to hold one run. `record` and `ros2 bag record` are known by their nodes' names."""
-        return any("record" in end.node_name for end in self._node.get_subscriptions_info_by_topic("pose"))
 
     def _sentence(self, simulation: Simulation) -> str:
         after = (

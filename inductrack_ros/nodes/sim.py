@@ -230,7 +230,8 @@ class SimNode(Node):
     def _heard(self) -> bool:
         """Whether all who listen are connected, and as many as are waited for: what is sent earlier would be lost."""
         enough = self.count_subscribers("pose") >= self._options["listeners"]
-        return enough and (not (self._options["lockstep"] or self._options["listeners"]) or self._topics.all_hear())
+        waits = self._options["lockstep"] or self._options["listeners"] > 0
+        return enough and (not waits or self._topics.listeners.all_hear())
 
     def _expect_answer(self) -> None:
         self._pulses_since_tick = 0

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -21,6 +20,7 @@ from .. import frames
 from ..core.rig import SENSORS, Sample
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INSTRUMENTS, RATES
 from .drive import Pulse
+from .listeners import Listeners
 from .qos import DEPTH, profile
 from .qos import publisher as qos_publisher
 from .scene import scene
@@ -32,7 +32,6 @@ except ImportError:  # not among the PyPI wheels
     TFMessage = None
 
 TICK_DEPTH = 10_000  # of what is published at every tick: a recorder that stands still for seconds loses nothing
-SETTLED = 0.5  # s without another listener; recorders look for topics more often
 FIELD_OF_VIEW = 0.05  # rad; a spot on the track
 #: Covariance (36,) of the truth: none to speak of, but 0 would mean that it is not known.
 EXACT = np.diag(np.full(6, 1e-12)).ravel()
@@ -83,19 +82,16 @@ class SimulatorTopics:
         """``options`` are the node's own parameters, `core.options.SIM`. Raises `InputError` for an override that
         cannot be."""
         reliability = options["reliability"]
-        self._publishers: list[Publisher] = []
-        self._listeners: list[int] = []  # as many to each publisher, and since when (s, monotonic)
-        self._since = 0.0
+        publishers: list[Publisher] = []
 
         def publisher(
             kind: type, name: str, depth: int = DEPTH, qos: QoSProfile | None = None, must: str = ""
         ) -> Publisher:
             lossy = reliability == "best_effort" or (reliability == "sensor_data" and name.startswith("measured/"))
             made = qos_publisher(node, kind, name, qos or profile(not lossy, depth), must)
-            self._publishers.append(made)
+            publishers.append(made)
             return made
 
-        self._node = node
         self._messages: dict[tuple[type, str], object] = {}
         self._prefix = options["frame_prefix"]
         self._frames = self._prefix + options["track_frame"], self._prefix + options["cradle_frame"]
@@ -120,6 +116,7 @@ class SimulatorTopics:
         self._measured = {
             name: publisher(kinds[s.message], f"measured/{name}", TICK_DEPTH) for name, s in INSTRUMENTS.items()
         }
+        self.listeners = Listeners(node, publishers, leading=self._pose)
 
     def _blank(self, kind: type, stamp: Time, frame: str | None = None):
         """The one message of this type and frame, to be filled and published: making one takes longer than filling
@@ -131,17 +128,6 @@ class SimulatorTopics:
             message.header.frame_id = frame
         message.header.stamp = stamp
         return message
-
-    def all_hear(self) -> bool:
-        """Whether every subscriber of pose that the graph knows is connected, there is one, and nobody else comes.
-
-        A recorder subscribes to one topic after the other; whoever hears poses may not yet hear the rest.
-        """
-        listeners = [publisher.get_subscription_count() for publisher in self._publishers]
-        if listeners != self._listeners:
-            self._listeners, self._since = listeners, time.monotonic()
-        known = self._node.count_subscribers("pose")
-        return 0 < known <= self._pose.get_subscription_count() and time.monotonic() - self._since > SETTLED
 
     def clock(self, stamp: Time) -> None:
         if self._clock:
