@@ -34,6 +34,9 @@ def clocks(campaign: Campaign) -> list[Finding]:
             findings.append(_endless(run, usual))
             continue
         wide = np.flatnonzero(steps > levels.HOLE * usual)
+        if (batch := _batched(run, steps, wide, usual)) is not None:
+            findings.append(batch)
+            continue
         looked_at = wide[np.argsort(-steps[wide], kind="stable")][:WORST]
         broken = {int(i): f for i in np.sort(looked_at) if (f := _broken(run, int(i), usual)) is not None}
         findings += broken.values()
@@ -42,6 +45,23 @@ def clocks(campaign: Campaign) -> list[Finding]:
         if not broken:
             findings += _jitter(run, steps, usual)
     return _once(findings) + _holes(holes)
+
+
+def _batched(run: Run, steps: Array, wide: Array, usual: float) -> Finding | None:
+    """Samples that share nearly one stamp, and then none for long, again and again."""
+    if len(wide) < levels.FEW or len(steps) < 2 * len(wide):
+        return None
+    each = np.diff(wide)
+    between = float(np.median(steps[wide]))
+    if np.median(each) < levels.BATCH or float(np.median(each)) * usual > between / levels.HOLE:
+        return None
+    text = (
+        f"the samples of {run.file.name} come {int(np.median(each))} at a time, {number(1e3 * usual)} ms apart, and"
+        f" then none for {number(1e3 * between)} ms: their stamps say when they arrived"
+    )
+    remedy = "write the sensor's own times, or space the samples of each batch evenly"
+    size = {"batch": float(np.median(each)), "step": usual, "pause": between}
+    return Finding("batches", IMPOSSIBLE, text, remedy, run=run.name, size=size)
 
 
 def _endless(run: Run, usual: float) -> Finding:

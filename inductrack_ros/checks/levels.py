@@ -23,6 +23,8 @@ SPLIT, PAUSE, PAUSE_STEPS = 1000.0, 10.0, 100.0
 WENT_ON = 3.0
 #: Steps differ by more than this part of their median (standard deviation): jitter of the stamps.
 JITTER = 0.02
+#: Samples that come so many at a time on average, with nothing between, were stamped when they arrived.
+BATCH = 4.0
 #: Steps (s) that no rig has between its samples, and that one has only if its file says that its time is in seconds;
 #: fewer samples tell neither.
 LONGEST_STEP, SLOW_STEP, FEW = 600.0, 0.25, 20
@@ -91,17 +93,23 @@ SAME_NOISE = 1.3
 #: A slope between what should be equal, beyond which (or below whose inverse) units are wrong; its sign wrong: at any
 #: size.
 UNIT = 3.0
+#: The same, beyond which it is said: no sensor's scale is off so far.
+SCALE = 1.3
 #: Correlation from which on a slope means anything.
 ALIKE = 0.9
 #: A speed (m/s) that is surely one, and one that no cradle has.
 MOVING, FASTEST = 1.0, 300.0
 #: So many times the room that the track leaves is outside of it, whatever the sensors' zeros.
 OUTSIDE = 6.0
+#: A channel that spans less than the room and whose middle is so many times the room away has another zero.
+ELSEWHERE = 1.1
 #: An accelerometer's mean is gravity where it is that to this part of itself.
 UPRIGHT = 0.15
 #: A coordinate moves where it spans more than this many times its noise (noise alone spans 4.7 of them in 98 % of its
 #: samples).
 MOVES = 6.5
+#: A temperature (°C) that no track or magnet of a rig has; in kelvin all have.
+HOTTEST = 200.0
 #: Values of a run for each number that is free in it (its initial state), below which any model would fit.
 VALUES_FOR_EACH = 2
 #: A named factor is meant where the one found is this near to it.

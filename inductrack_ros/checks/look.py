@@ -13,12 +13,15 @@ from ..data import Campaign, Run
 from .clocks import clocks
 from .excitation import excitation, too_few
 from .finding import SET_ASIDE, Finding, impossible, worst_first
+from .hangs import hangs
 from .jitter import jitter
+from .jumps import jumps
 from .noise import noises
 from .noise_found import channels_of
 from .outliers import fillers, outliers
 from .pairs import pairs
 from .readings import readings
+from .repeats import repeats
 from .sensors import held, sensors
 from .stated import stated
 from .touch import Touch
@@ -33,20 +36,29 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     touch = None if model is None else Touch.of(model)
     found = clocks(campaign)
     campaign = set_aside(campaign, found)
+    found += (again := repeats(campaign))
+    campaign = set_aside(campaign, again)
     found += (fill := fillers(campaign, touch))
     campaign = set_aside(campaign, fill)
     found += (stuck := held(campaign))
     campaign = set_aside(campaign, stuck)
     channels = channels_of(campaign)
-    found += (off := outliers(campaign, channels, touch))
+    found += (hung := hangs(campaign, campaign if touch is None else touch.calm(campaign), channels))
+    campaign = set_aside(campaign, hung)
+    off = outliers(campaign, channels, touch)
+    jumped = jumps(campaign, channels, off)
+    stay = {f.channel for f in jumped if f.kind == "value_jump"}
+    found += (off := jumped + [f for f in off if f.channel not in stay])
     campaign = set_aside(campaign, off)
     calm = campaign if touch is None else touch.calm(campaign)
-    found += (flat := sensors(campaign, calm, channels))
+    found += (flat := sensors(campaign, calm, channels, model))
     campaign, calm = set_aside(campaign, flat), set_aside(calm, flat)
     found += too_few(campaign, model)
     found += noises(calm, channels) + jitter(campaign, channels)
     found += stated(campaign, channels, model) + pairs(campaign, calm, channels) + excitation(campaign, channels)
-    if model is not None and not any(f.kind in ("clock_jump", "hole", "time_unit") for f in impossible(found)):
+    if model is not None and not any(
+        f.kind in ("clock_jump", "hole", "time_unit", "value_jump", "batches") for f in impossible(found)
+    ):
         found += readings(campaign, channels, model)
     return worst_first(_causes_only(found))
 
@@ -105,6 +117,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     units = {f.channel for f in findings if f.kind in ("unit", "zero") and "slope" not in f.size}
     flipped = {c for f in findings if f.kind == "axis_flipped" for c in f.size.get("candidates", ())}
     time = any(f.kind == "time_unit" for f in findings)
+    jumped = {f.channel for f in findings if f.kind == "value_jump"}
     late = any(f.kind == "time_jitter" for f in findings)
     kept = []
     for f in findings:
@@ -116,7 +129,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
             )
             or (f.kind == "unit" and "slope" in f.size and (time or whole in units or f.channel in units))
             or (f.kind == "sign" and whole in flipped)
-            or (f.kind in ("offset", "hum", "coloured_noise") and (time or whole in units))
+            or (f.kind in ("offset", "hum", "coloured_noise") and (time or whole in units or f.channel in jumped))
         )
         if not explained:
             kept.append(f)

@@ -22,6 +22,8 @@ FACTORS = (
 )
 #: Channels in which every drive pulse shows: it is over between two samples, and comes back with every coil.
 PUSHED = ("surge", "surge_rate", "surge_acceleration")
+#: The same of an acceleration.
+IN_G = ((1e3 / 9.80665, "mg instead of m/s²"), (1e3, "mm/s² instead of m/s²"))
 #: The noise found scatters by this over the root of the number of samples; of fewer samples by more.
 SCATTER, FEWEST = 1.2, 60
 
@@ -64,7 +66,8 @@ def _differs(channel: str, stated: float, about: Channel, moving: bool) -> list[
         f" {unit}"
     )
     if not 1 / levels.NOISE_IMPOSSIBLE < ratio < levels.NOISE_IMPOSSIBLE:
-        hint = meant(ratio, FACTORS if unit.startswith("m") else [f for f in FACTORS if not f[1].startswith("cm")])
+        fitting = FACTORS if unit.startswith("m") else [f for f in FACTORS if not f[1].startswith("cm")]
+        hint = meant(ratio, IN_G if unit == "m/s²" else fitting)
         remedy = (
             f"is one of the two in {hint}?"
             if hint

@@ -17,6 +17,7 @@ from ..core.state import ACCELERATIONS, RATES
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
+from .edges import at_the_ends, floor_of
 from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, number, place, quantity
 from .local import MARGIN, REACHES, blocks, predictions
 from .noise_found import Channel
@@ -51,12 +52,13 @@ def outliers(campaign: Campaign, channels: Mapping[str, Channel], touch: Touch |
         for run in campaign.runs:
             if channel in run.channels:
                 found, off = _off(run, channel, about, threshold)
+                ends, size = _ends(run, channel, about, found, None if touch is None else near[run.name], touch)
                 # A blow is a step of what an accelerometer reads.
                 if touch is not None and channel in ACCELERATIONS and len(found):
                     kept = ~near[run.name][found] | (off > touch.reach(channel, np.gradient(run.times)[found]))
                     found, off = found[kept], off[kept]
-                rows[run.name] = found
-                sizes.append(off)
+                rows[run.name] = np.append(found, ends)
+                sizes += [off, size]
         rows = {name: numbers for name, numbers in rows.items() if len(numbers)}
         if rows:
             findings.append(_outlier(campaign, channel, rows, np.concatenate(sizes), about))
@@ -155,6 +157,21 @@ def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDAr
         return np.empty(0, np.intp), np.empty(0)
     rows, order = np.unique(np.concatenate(found), return_index=True)
     return rows, np.concatenate(sizes)[order]
+
+
+def _ends(
+    run: Run, channel: str, about: Channel, found: NDArray[np.intp], near: NDArray[np.bool_] | None, touch: Touch | None
+) -> tuple[NDArray[np.intp], Array]:
+    """The same for the first and last samples; near the track only what no blow does. A rate or an acceleration may
+    step at any blow, and says nothing with neighbours on one side only."""
+    if channel in (*RATES, *ACCELERATIONS):
+        return np.empty(0, np.intp), np.empty(0)
+    known = np.setdiff1d(np.flatnonzero(~np.isnan(run[channel])), found)
+    rows, sizes = at_the_ends(run, channel, floor_of(about.noise, about.step, about.count), known)
+    if touch is None or near is None or not len(rows):
+        return rows, sizes
+    far = ~near[rows] | (sizes > touch.reach(channel, np.gradient(run.times)[rows]))
+    return rows[far], sizes[far]
 
 
 def _leave(times: Array, values: Array, floors: Array, steps: bool) -> tuple[NDArray[np.intp], Array]:

@@ -27,6 +27,7 @@ FACTORS = (
     (100.0, "cm instead of m"),
     (60.0, "per minute instead of per second"),
     (9.81, "g instead of m/s²"),
+    (2.237, "mph instead of m/s"),
 )
 #: Samples of each run that are looked at, and how many of them an increment spans: the span whose increments correlate
 #: best is taken.
@@ -37,6 +38,8 @@ FEWEST = 20
 STEADY = 3.0
 #: A delay is said from this part of a step between samples on, and where it is this many standard deviations.
 DELAY, SURE = 0.5, 6.0
+#: Increments that stand so many times over their noise and correlate by less than this have nothing in common.
+CLEAR, STRANGE = 8.0, 0.5
 #: Channels further apart than this many steps, alike once they are shifted to this correlation and not to the second
 #: before, have two clocks.
 FAR, SHIFTED, UNSHIFTED = 10, 0.95, 0.7
@@ -49,7 +52,7 @@ def pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -
     for k, coordinate in enumerate(COORDINATES):
         rate, acceleration = RATES[k], ACCELERATIONS[k]
         if {coordinate, rate} <= channels.keys():
-            findings += _pair(campaign, coordinate, rate, 1)
+            findings += _pair(campaign, coordinate, rate, 1) or _foreign(campaign, channels, coordinate, rate)
         if {rate, acceleration} <= channels.keys():
             findings += _pair(calm, rate, acceleration, 1)
         elif {coordinate, acceleration} <= channels.keys():
@@ -85,7 +88,7 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
         return [
             Finding("sign", IMPOSSIBLE, text, f"flip the sign of {derivative}, or of {whole}", derivative, size=size)
         ]
-    if not 1 / levels.UNIT < slope < levels.UNIT:
+    if not 1 / levels.SCALE < slope < levels.SCALE:
         hint = meant(slope, FACTORS)
         text = f"{derivative} is {number(1 / slope)} times the {what} of {whole}"
         remedy = (
@@ -93,8 +96,33 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
             if hint
             else "all channels are in SI units; convert one of the two"
         )
-        return [Finding("unit", IMPOSSIBLE, text, remedy, derivative, size=size)]
+        severity = WARNING if 1 / levels.UNIT < slope < levels.UNIT else IMPOSSIBLE
+        return [Finding("unit", severity, text, remedy, derivative, size=size)]
     return _late(runs, whole, derivative, (a, b, late)) if order == 1 else []
+
+
+def _foreign(campaign: Campaign, channels: Mapping[str, Channel], coordinate: str, rate: str) -> list[Finding]:
+    """A rate that has nothing in common with its coordinate, though both stand clear of their noise: perhaps another's
+    rate."""
+    runs = [r for r in campaign.runs if coordinate in r.channels and rate in r.channels]
+    step = float(np.median([np.median(np.diff(r.times)) for r in runs]))
+    best, clear = 0.0, False
+    for span in SPANS:
+        found = _increments(runs, coordinate, rate, 1, span)
+        if found is not None:
+            best = max(best, abs(_correlation(found[0], found[1])))
+            noise = np.sqrt(2.0) * channels[coordinate].noise, channels[rate].noise * step * np.sqrt(span)
+            clear |= all(y.std() > CLEAR * n for y, n in zip(found[:2], noise, strict=True))
+    if best > STRANGE or not clear:
+        return []
+    text, size = f"{rate} is not the derivative of {coordinate}: they have nothing in common", {"correlation": best}
+    for other in (r for r in RATES if r != rate and r in channels):
+        tried = [_increments([r for r in runs if other in r.channels], coordinate, other, 1, span) for span in SPANS]
+        if any(found is not None and _correlation(found[0], found[1]) > levels.ALIKE for found in tried):
+            remedy = f"{other} is: exchange the two columns"
+            size |= {"candidates": [rate, other]}
+            return [Finding("axis_flipped", IMPOSSIBLE, text, remedy, rate, size=size)]
+    return [Finding("unlike", WARNING, text, "look at both channels, or leave one out", rate, size=size)]
 
 
 def _increments(

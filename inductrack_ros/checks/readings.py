@@ -25,10 +25,13 @@ BETTER = 0.4
 TWINS = 0.1
 #: Windows of a run that is looked at alone, and channels that may have changed places.
 FEWEST_APART = 24
-SWAPS = (("gap_left", "gap_right"), ("sway", "heave"), ("sway", "roll"), ("heave", "roll"))
-_LENGTH = ((1e-3, "mm"), (1e-2, "cm"))
-_ANGLE = ((np.pi / 180.0, "degrees"), (1e-3, "mrad"))
-_TIMES = ((1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+SWAPS = (
+    *(("gap_left", "gap_right"), ("gap_top", "gap_right"), ("gap_top", "gap_left")),
+    *(("sway", "heave"), ("sway", "roll"), ("heave", "roll")),
+)
+_LENGTH = ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches"), (0.3048, "feet"))
+_ANGLE = ((np.pi / 180.0, "degrees"), (1e-3, "mrad"), (2 * np.pi, "turns"))
+_TIMES = ((1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"), (60.0, "min"), (3600.0, "h"), (86400.0, "days"))
 _CURRENTS = ((1e3, "kA"), (1e-3, "mA"))
 
 
@@ -139,9 +142,13 @@ def _with_gravity(campaign: Campaign, model: Model) -> list[Finding]:
         if channel in run.channels and run.duration > 4 * fall and run.measured[:, run.channels.index(channel)].any()
     ]
     means = [float(np.nanmean(run[channel])) for run in runs]
-    if not means or abs(abs(float(np.median(means))) - gravity) > levels.UPRIGHT * gravity:
+    mean = float(np.median(means)) if means else 0.0
+    if abs(abs(mean) - 1.0) < levels.UPRIGHT:
+        text = f"{channel} is {number(mean)} on average, which is gravity in g: the cradle stays between the tracks"
+        remedy = f"write '{channel} [g]' in the header, and subtract {number(np.copysign(1.0, mean))} g"
+        return [Finding("zero", IMPOSSIBLE, text, remedy, channel, size={"offset": mean, "factor": gravity})]
+    if abs(abs(mean) - gravity) > levels.UPRIGHT * gravity:
         return []
-    mean = float(np.median(means))
     text = f"{channel} is {number(mean)} m/s² on average, which is gravity: the cradle stays between the tracks"
     remedy = f"subtract {number(np.copysign(gravity, mean))} m/s²; {channel} is the acceleration alone, 0 at rest"
     return [Finding("zero", IMPOSSIBLE, text, remedy, channel, size={"offset": mean})]
@@ -160,14 +167,15 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
     if not stops(model):
         return now, found
     speed = max(map(abs, _speeds(campaign)), default=0.0)
-    for factor, unit in _LENGTH:
-        if speed > levels.FASTEST > factor * speed > levels.MOVING:
-            found.append(_unit("surge", f"surge runs at {number(speed)} m/s", factor, unit, {"speed": speed}))
-            now = now.times("surge", factor)
-            break
+    if speed > levels.FASTEST:
+        now, finding = _too_fast(speed, windows, model)
+        found.append(finding)
     for channel, room in _room(model).items():
+        if channel in GAPS:
+            found += _negative(campaign, channel, model)
         middle, spread = _extent(campaign, channel)
-        if abs(middle) + spread < levels.OUTSIDE * room:
+        elsewhere = spread < room and abs(middle) > levels.ELSEWHERE * room
+        if abs(middle) + spread < levels.OUTSIDE * room and not elsewhere:
             continue
         si = "rad" if channel == "roll" else "m"
         text = (
@@ -180,6 +188,10 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
             for f, unit in (_ANGLE if channel == "roll" else _LENGTH)
             if f * (abs(middle) + spread) < levels.OUTSIDE / 2 * room
         ]
+        if channel == "roll" and abs(spread - 2 * np.pi) < 0.05:
+            remedy = "the angle is wrapped at a full turn; unwrap it, or let it run from −π to π"
+            found.append(Finding("unit", IMPOSSIBLE, text, remedy, channel, size=size))
+            continue
         if spread < room or not fits:
             remedy = (
                 "its zero is where all three gaps are the nominal gap: subtract what it reads there"
@@ -197,6 +209,37 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
         found.append(_unit(channel, text, factor, unit, size))
         now = now.times(channel, factor)
     return now, found
+
+
+def _too_fast(speed: float, windows: Windows | None, model: Model) -> tuple[Reading, Finding]:
+    """Which unit of surge or of time makes a speed that nothing has one that a cradle has, and the finding."""
+    text, size = f"surge runs at {number(speed)} m/s", {"speed": speed}
+    ways = [(f, unit, Reading().times("surge", f)) for f, unit in _LENGTH if f < 0.1]
+    ways += [(1 / f, unit, Reading(time=f)) for f, unit in _TIMES if f > 1.0]
+    ways = [way for way in ways if levels.FASTEST > speed * way[0] > levels.MOVING]
+    if not ways:
+        remedy = "look at the units of surge and of time"
+        return Reading(), Finding("unit", IMPOSSIBLE, text, remedy, "surge", size=size)
+    if windows is None:
+        units = [f"{'time' if way[2].time != 1.0 else 'surge'} in {way[1]}" for way in ways]
+        remedy = f"look at the units: {' or '.join(units)} would make it {number(speed * ways[0][0])} m/s"
+        return ways[0][2], Finding("unit", IMPOSSIBLE, text, remedy, "surge", size={**size, "factor": ways[0][0]})
+    among = windows.values.keys()
+    factor, unit, reading = min(ways, key=lambda way: total(misfits(windows, model, way[2]), among))
+    if reading.time == 1.0:
+        return reading, _unit("surge", text, factor, unit, size)
+    remedy = f"time seems to be in {unit}; name its column 'time [{unit}]', or multiply it by {reading.time:g}"
+    return reading, Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": factor})
+
+
+def _negative(campaign: Campaign, gap: str, model: Model) -> list[Finding]:
+    """A gap that is less than nothing: measured from its nominal size, or closing where it should open."""
+    middle, _ = _extent(campaign, gap)
+    if not middle < -levels.TOUCHING * model.parameters["nominal_gap"]:
+        return []
+    text = f"{gap} is about {number(middle)} m: a gap is never less than 0"
+    remedy = f"{gap} is the distance to the track; add what it reads where they touch, or change its sign"
+    return [Finding("zero", IMPOSSIBLE, text, remedy, gap, size={"middle": middle})]
 
 
 def _extent(campaign: Campaign, channel: str) -> tuple[float, float]:
@@ -221,7 +264,7 @@ def _room(model: Model) -> dict[str, float]:
 
 def _unit(channel: str, text: str, factor: float, unit: str, size: Mapping[str, float]) -> Finding:
     si = "rad" if channel == "roll" else "m"
-    short = {"degrees": "deg"}.get(unit, unit)
+    short = {"degrees": "deg", "inches": "in", "feet": "ft", "turns": "rev"}.get(unit, unit)
     remedy = (
         f"it seems to be in {unit}; {channel} is in {si}: multiply it by {factor:.4g}, or write '{channel} [{short}]'"
         " in the header"

@@ -7,19 +7,22 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..core.model import Model
+from ..core.state import COORDINATES
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding, as_samples, number, place, quantity, shared
+from .hangs import flat_stretches, repeats_of
 from .noise_found import READINGS, Channel, step_of
 
 
-def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel], model: Model | None) -> list[Finding]:
     """Findings about every channel's readings; ``calm`` is the campaign without samples at which the cradle may rest on
     the track."""
     findings: list[Finding] = []
     for channel, about in channels.items():
-        if dead := _constant(campaign, channel, about):
+        if dead := _constant(campaign, channel, about, _beside(channel, campaign, channels, model)):
             findings += dead
         else:
             findings += _flat(calm, channel, about)
@@ -36,7 +39,7 @@ def held(campaign: Campaign) -> list[Finding]:
         lengths, jumps = [np.empty(0, int)], [np.empty(0)]
         for run in campaign.runs:
             if channel in run.channels and len(numbers := np.flatnonzero(~np.isnan(run[channel]))) > 2:
-                starts, length = _repeats(run[channel][numbers])
+                starts, length = repeats_of(run[channel][numbers])
                 rows[run.name] = np.delete(numbers, starts)
                 lengths.append(length)
                 jumps.append(np.abs(np.diff(run[channel][numbers][starts])))
@@ -67,25 +70,48 @@ def held(campaign: Campaign) -> list[Finding]:
     return findings
 
 
-def _constant(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
-    """A channel that never changes, in all runs or in some."""
+def _beside(channel: str, campaign: Campaign, channels: Mapping[str, Channel], model: Model | None) -> str:
+    """What shows that a channel is not at rest: its coordinate, rate or acceleration moves, or the drive pushes it."""
+    coordinate = channel.removesuffix("_rate").removesuffix("_acceleration")
+    if coordinate not in COORDINATES:
+        return ""
+    for other in (coordinate, f"{coordinate}_rate", f"{coordinate}_acceleration"):
+        about = channels.get(other)
+        if other != channel and about and about.spread > levels.MOVES * max(about.noise, about.step) > 0.0:
+            return f"{other} moves"
+    driven = any(run.drive_current for run in campaign.runs) and model is not None and model.moving[0]
+    return "the drive pushes" if channel == "surge" and driven else ""
+
+
+def _constant(campaign: Campaign, channel: str, about: Channel, beside: str) -> list[Finding]:
+    """A channel that never changes, in all runs or in some; ``beside`` says why it is not at rest, if it is not."""
     runs = [run for run in campaign.runs if channel in run.channels and len(run.samples(channel)[1]) > 2]
     still = [run for run in runs if np.ptp(run.samples(channel)[1]) == 0.0]
     if not still:
         return []
-    value = float(still[0].samples(channel)[1][0])
+    value = float(still[0].samples(channel)[1][0]) + 0.0
     reason = "the sensor is dead or the column wrong"
     if len(still) == len(runs):
         stated = channel in campaign.noise_std
-        text = f"{channel} is {number(value)} in every sample: {reason}"
+        while_ = f" while {beside}" if beside else ""
+        text = f"{channel} is {number(value)} in every sample{while_}: {reason}"
         remedy = (
             "leave the channel out"
-            if stated
+            if stated or beside
             else f"leave the channel out, or give noise_std: {{{channel}: …}} in campaign.yaml if it is truly at rest"
         )
         # With a noise that is stated a channel at rest can be held against the model; what its noise is nobody can tell
         # from it.
-        return [Finding("constant", WARNING if stated else IMPOSSIBLE, text, remedy, channel, size={"value": value})]
+        return [
+            Finding(
+                "constant",
+                WARNING if stated and not beside else IMPOSSIBLE,
+                text,
+                remedy,
+                channel,
+                size={"value": value},
+            )
+        ]
     size = {"value": value, "runs": len(still)}
     text = (
         f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other"
@@ -103,46 +129,27 @@ def _constant(campaign: Campaign, channel: str, about: Channel) -> list[Finding]
 
 
 def _flat(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
-    """Stretches that repeat one value: at an end of the range the sensor is saturated, elsewhere it hangs."""
+    """Stretches that repeat one value at an end of the range: there the sensor is saturated."""
     rows: dict[str, Array] = {}
-    ends = False
     longest: tuple[int, Run | None, int] = (0, None, 0)
     for run in campaign.runs:
-        if channel not in run.channels:
-            continue
-        numbers = np.flatnonzero(~np.isnan(run[channel]))
-        values = run[channel][numbers]
-        if len(values) < 3 or np.ptp(values) == 0.0:
-            continue
-        starts, lengths = _repeats(values)
-        usual = levels.FLAT if about.step < about.noise else max(levels.FLAT, 4 * int(np.quantile(lengths, 0.99)))
-        at_end = (values[starts] == values.max()) | (values[starts] == values.min())
-        many = lengths >= np.where(at_end, usual, max(usual, levels.STUCK * len(values)))
-        if not many.any():
-            continue
-        rows[run.name] = np.concatenate([numbers[s : s + n] for s, n in zip(starts[many], lengths[many], strict=True)])
-        k = int(np.argmax(np.where(many, lengths, 0)))
-        ends |= bool(at_end[many].any())
-        if lengths[k] > longest[0]:
-            longest = (int(lengths[k]), run, int(numbers[starts[k]]))
+        for numbers in flat_stretches(run, channel, about):
+            values = run.samples(channel)[1]
+            if run[channel][numbers[0]] in (values.min(), values.max()):
+                rows[run.name] = np.append(rows.get(run.name, numbers[:0]), numbers)
+                longest = max(longest, (len(numbers), run, int(numbers[0])), key=lambda s: s[0])
     count = sum(len(r) for r in rows.values())
     length, run, at = longest
-    if run is None or (ends and count < levels.SATURATED * min(about.count, 50 * levels.FLAT)):
+    if run is None or count < levels.SATURATED * min(about.count, 50 * levels.FLAT):
         return []
-    value = number(float(run[channel][at]), 6)
+    value = float(run[channel][at])
     # A sensor's end of range is an effect of the catalogue: the diagnosis is to see it.
-    kind, severity, what = (
-        ("saturated", WARNING, "the end of the sensor's range") if ends else ("stuck", SET_ASIDE, "the sensor hangs")
+    text = (
+        f"{channel} stays at {number(value, 6)} for {length} samples from {place(run, at)}: the end of the sensor's"
+        f" range; {count} such samples in all"
     )
-    text = f"{channel} stays at {value} for {length} samples from {place(run, at)}: {what}; {count} such samples in all"
-    size = {"count": count, "share": count / about.count, "value": float(run[channel][at])}
-    return [Finding(kind, severity, text, "", channel, samples=as_samples(rows), size=size)]
-
-
-def _repeats(values: Array) -> tuple[Array, Array]:
-    """Where stretches of one value begin, and how long they are."""
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
-    return starts, np.diff(np.append(starts, len(values)))
+    size = {"count": count, "share": count / about.count, "value": value}
+    return [Finding("saturated", WARNING, text, "", channel, samples=as_samples(rows), size=size)]
 
 
 def _coarse(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:

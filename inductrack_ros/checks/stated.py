@@ -18,6 +18,8 @@ from .noise import meant
 from .noise_found import Channel
 from .pairs import FACTORS
 
+#: Conditions in °C that effects of the catalogue ask for.
+TEMPERATURES = ("track_temperature", "magnet_temperature")
 #: Samples at a run's beginning from which the state there is taken, by a parabola.
 FIRST = 9
 #: A stated number is off by so many standard deviations of what the samples say: from here on it is said; it is
@@ -78,6 +80,10 @@ def _beginning(run: Run, state: str, channels: Mapping[str, Channel]) -> tuple[f
 def _conditions(run: Run, model: Model) -> list[Finding]:
     findings = []
     for name, value in run.conditions.items():
+        if name in TEMPERATURES and value > levels.HOTTEST:
+            text = f"conditions of {run.file.name} say {name} {number(value, 4)} °C"
+            remedy = f"is it in kelvin? {number(value, 5)} K are {number(value - 273.15, 4)} °C"
+            findings.append(Finding("condition", IMPOSSIBLE, text, remedy, name, run.name, size={"stated": value}))
         usual = model.parameters.get(name) if name in PARAMETERS else None
         if usual and value and not 1 / levels.NOISE_IMPOSSIBLE < value / usual < levels.NOISE_IMPOSSIBLE:
             unit = PARAMETERS[name].unit

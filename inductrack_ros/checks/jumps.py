@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Places and gaps that jump from one sample to the next and stay: no cradle moves so. Counts were lost, a zero was
+moved, or an angle is wrapped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.state import COORDINATES, GAPS
+from ..data import Campaign, Run
+from . import levels
+from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, place, quantity
+from .noise_found import Channel
+
+#: Samples beside a jump that say where the channel was and where it is then.
+BESIDE = 5
+#: A step counts as part of a jump from this part of the largest one beside it on; what is left of it in the end, too.
+PART, LEFT = 0.3, 0.5
+#: A jump is this many times what the samples beside it go from one to the next, and this many times their noise.
+CLEAR, OVER_NOISE = 6.0, 10.0
+#: Samples within which a channel that jumps back was lost for a while.
+SOON = 64
+
+
+def jumps(campaign: Campaign, channels: Mapping[str, Channel], off: list[Finding]) -> list[Finding]:
+    """Findings about every place and gap that jumps, among the samples that `outliers` found off; one that jumps back
+    soon was lost in between."""
+    findings = []
+    for finding in off:
+        channel = finding.channel
+        if finding.kind != "outliers" or channel not in (*COORDINATES, *GAPS) or channel not in channels:
+            continue
+        stay: list[tuple[Run, int, float]] = []
+        lost: dict[str, NDArray[np.intp]] = {}
+        for run in campaign.runs:
+            rows = np.array(finding.samples.get(run.name, ()), np.intp)
+            there, between = _back(list(_jumps(run, channel, rows, channels[channel])) if len(rows) else [])
+            stay += [(run, i, size) for i, size in there]
+            if len(between):
+                lost[run.name] = between
+        if stay:
+            findings.append(_jump(channel, stay))
+        elif lost:
+            run = next(r for r in campaign.runs if r.name in lost)
+            count = sum(map(len, lost.values()))
+            text = (
+                f"{channel} jumps away for {count} samples and back (first behind {place(run, int(lost[run.name][0]))})"
+            )
+            size = {"count": count, "share": count / channels[channel].count}
+            findings.append(Finding("lost", SET_ASIDE, text, "", channel, samples=as_samples(lost), size=size))
+    return findings
+
+
+def _back(found: list[tuple[int, float]]) -> tuple[list[tuple[int, float]], NDArray[np.intp]]:
+    """Jumps that stay, and the samples between those that jump and back again soon."""
+    stay: list[tuple[int, float]] = []
+    between = [np.empty(0, np.intp)]
+    for i, size in found:
+        if stay and i - stay[-1][0] <= SOON and abs(stay[-1][1] + size) < LEFT * abs(size):
+            between.append(np.arange(stay.pop()[0] + 1, i + 1))
+        else:
+            stay.append((i, size))
+    return stay, np.concatenate(between)
+
+
+def _jumps(run: Run, channel: str, rows: NDArray[np.intp], about: Channel) -> Iterator[tuple[int, float]]:
+    """Sample before each jump, and its size."""
+    known = np.flatnonzero(~np.isnan(run[channel]))
+    at = np.searchsorted(known, rows)
+    for cluster in np.split(at, np.flatnonzero(np.diff(at) > 2) + 1):
+        first, last = max(cluster[0] - 1, 0), min(cluster[-1] + 1, len(known) - 1)
+        before, behind = known[max(first - BESIDE, 0) : first + 1], known[last : last + BESIDE + 1]
+        if min(len(before), len(behind)) <= BESIDE:
+            continue
+        steps = np.diff(run[channel][known[first : last + 1]])
+        large = np.abs(steps) > PART * np.abs(steps).max()
+        jump = float(steps[large].sum())
+        usual = float(np.median(np.abs(np.diff(run[channel][np.concatenate([before, behind])]))))
+        least = max(
+            CLEAR * usual * large.sum(), OVER_NOISE * max(about.noise, about.step), levels.SMALLEST * about.spread
+        )
+        if abs(jump) > max(LEFT * np.abs(steps).max(), least):
+            yield int(known[first + int(np.argmax(np.abs(steps)))]), jump
+
+
+def _jump(channel: str, found: list[tuple[Run, int, float]]) -> Finding:
+    run, i, size = found[0]
+    again = "" if len(found) == 1 else f" ({len(found) - 1} more such)"
+    text = (
+        f"{channel} jumps by {quantity(channel, size)} behind {place(run, i)}, and goes on from there{again}: no cradle"
+        " moves so"
+    )
+    turns = channel == "roll" and abs(abs(size) - 2 * np.pi) < 0.1
+    remedy = (
+        "the angle is wrapped at a full turn; unwrap it, or choose a range with its rest in the middle"
+        if turns
+        else "its zero was moved or counts were lost: correct the later samples, or make two runs of it"
+    )
+    return Finding("value_jump", IMPOSSIBLE, text, remedy, channel, run.name, size={"jump": size, "count": len(found)})
