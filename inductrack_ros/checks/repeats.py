@@ -47,7 +47,7 @@ def _repeated(run: Run) -> tuple[NDArray[np.intp], int]:
     lags[np.isnan(run.values).all(axis=1)] = 0
     starts = np.flatnonzero(np.concatenate([[True], np.diff(lags) != 0]))
     lengths = np.diff(np.append(starts, len(lags)))
-    blocks = (lags[starts] >= BLOCK) & (lengths >= BLOCK)
+    blocks = (lags[starts] >= BLOCK) & (lengths >= BLOCK) & (lengths <= lags[starts])  # what is longer is periodic
     if not blocks.any():
         return nothing
     numbers = np.concatenate([np.arange(s, s + n) for s, n in zip(starts[blocks], lengths[blocks], strict=True)])
