@@ -47,8 +47,8 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign = set_aside(campaign, hung)
     off = outliers(campaign, channels, touch)
     jumped = jumps(campaign, channels, off)
-    stay = {f.channel for f in jumped if f.kind == "value_jump"}
-    found += (off := jumped + [f for f in off if f.channel not in stay])
+    named = {f.channel for f in jumped}
+    found += (off := jumped + [f for f in off if f.channel not in named])
     campaign = set_aside(campaign, off)
     calm = campaign if touch is None else touch.calm(campaign)
     found += (flat := sensors(campaign, calm, channels, model))
