@@ -73,7 +73,7 @@ def _jumps(run: Run, channel: str, rows: NDArray[np.intp], about: Channel) -> It
     for cluster in np.split(at, np.flatnonzero(np.diff(at) > 2) + 1):
         first, last = max(cluster[0] - 1, 0), min(cluster[-1] + 1, len(known) - 1)
         before, behind = known[max(first - BESIDE, 0) : first + 1], known[last : last + BESIDE + 1]
-        if min(len(before), len(behind)) <= BESIDE:
+        if first == last or min(len(before), len(behind)) <= BESIDE:
             continue
         steps = np.diff(run[channel][known[first : last + 1]])
         large = np.abs(steps) > PART * np.abs(steps).max()

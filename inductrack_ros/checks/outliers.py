@@ -52,7 +52,7 @@ def outliers(campaign: Campaign, channels: Mapping[str, Channel], touch: Touch |
         for run in campaign.runs:
             if channel in run.channels:
                 found, off = _off(run, channel, about, threshold)
-                ends, size = _ends(run, channel, about, found, None if touch is None else near[run.name], touch)
+                ends, size = _ends(run, channel, about, found, touch)
                 # A blow is a step of what an accelerometer reads.
                 if touch is not None and channel in ACCELERATIONS and len(found):
                     kept = ~near[run.name][found] | (off > touch.reach(channel, np.gradient(run.times)[found]))
@@ -160,17 +160,17 @@ def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDAr
 
 
 def _ends(
-    run: Run, channel: str, about: Channel, found: NDArray[np.intp], near: NDArray[np.bool_] | None, touch: Touch | None
+    run: Run, channel: str, about: Channel, found: NDArray[np.intp], touch: Touch | None
 ) -> tuple[NDArray[np.intp], Array]:
-    """The same for the first and last samples; near the track only what no blow does. A rate or an acceleration may
-    step at any blow, and says nothing with neighbours on one side only."""
+    """The same for the first and last samples: only what no blow does, for neighbours on one side do not tell a blow
+    from a bad sample. A rate or an acceleration may step at any blow, and says nothing there."""
     if channel in (*RATES, *ACCELERATIONS):
         return np.empty(0, np.intp), np.empty(0)
     known = np.setdiff1d(np.flatnonzero(~np.isnan(run[channel])), found)
     rows, sizes = at_the_ends(run, channel, floor_of(about.noise, about.step, about.count), known)
-    if touch is None or near is None or not len(rows):
+    if touch is None or not len(rows):
         return rows, sizes
-    far = ~near[rows] | (sizes > touch.reach(channel, np.gradient(run.times)[rows]))
+    far = sizes > touch.reach(channel, np.gradient(run.times)[rows])
     return rows[far], sizes[far]
 
 
