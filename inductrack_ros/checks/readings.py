@@ -170,7 +170,8 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
         if channel in GAPS:
             found += _negative(campaign, channel, model)
         middle, spread = _extent(campaign, channel)
-        elsewhere = spread < room and abs(middle) > levels.ELSEWHERE * room
+        at_rest = model.parameters["nominal_gap"] if channel in GAPS else 0.0
+        elsewhere = spread < room and abs(middle - at_rest) > levels.ELSEWHERE * room
         if abs(middle) + spread < levels.OUTSIDE * room and not elsewhere:
             continue
         si = "rad" if channel == "roll" else "m"
