@@ -70,6 +70,15 @@ SAME = {
     "no number": PLAIN.replace(",,", ",NaN,"),
     "no number either": PLAIN.replace(",,", ",#N/A,"),
     "a dash": PLAIN.replace(",,", ",-,"),
+    "no number, with a sign": PLAIN.replace(",,", ",+NaN,"),
+    "no number, of another compiler": PLAIN.replace(",,", ",-nan(ind),"),
+    "no time": PLAIN.replace(",,", ",NaT,"),
+    "every row in quotes": "".join(f'"{line}"\n' for line in PLAIN.splitlines()),
+    "every row in quotes, decimal commas": "".join(
+        f'"{line}"\r\n' for line in PLAIN.replace(",", ";").replace(".", ",").splitlines()
+    ),
+    "a trailing separator in the header only": PLAIN.replace("heave\n", "heave,\n"),
+    "a blank without width": PLAIN.replace("surge", "\u200bsurge"),
     "plus signs": PLAIN.replace("1.5", "+1.5"),
 }
 
@@ -87,6 +96,7 @@ CONVERTED = {
     "behind a slash": "time/ms;surge/mm;heave/um\n0;1500;-5000\n100;;-4000\n250;250;-3000\n",
     "in the name": "time_ms,surge_mm,heave_um\n0,1500,-5000\n100,,-4000\n250,250,-3000\n",
     "in a row of its own": "time,surge,heave\nms,mm,µm\n0,1500,-5000\n100,,-4000\n250,250,-3000\n",
+    "behind a colon": "time: ms,surge: mm,heave: um\n0,1500,-5000\n100,,-4000\n250,250,-3000\n",
     "in a row in brackets": "time,surge,heave\n[ms],[mm],[µm]\n0,1500,-5000\n100,,-4000\n250,250,-3000\n",
     "in Windows-1252": "time [ms],surge [mm],heave [µm]\n0,1500,-5000\n100,,-4000\n250,250,-3000\n".encode("cp1252"),
 }
@@ -175,6 +185,52 @@ def test_rows_before_and_below_the_header(tmp_path, plain):
     run = read(tmp_path, settings + head + "clock,tracker,laser\ns,m,m\n" + "".join(rows))
     assert np.array_equal(run.values, plain.values, equal_nan=True)
     assert run.notes == ("40 rows before the header left out", "1 row of words below the header left out")
+
+
+ABOVE = {
+    "a title with the same words": "Test of surge, heave, time\n",
+    "a key that is called as the time": "time,2026-11-29 10:00\noperator,Kim\n",
+    "the names twice": "time,surge\nTime,Surge,Heave\n",
+    "many rows": "".join(f"setting {i},{i}\n" for i in range(250)),
+    "channels with their number": "Channels,surge,heave\nRate,250\n",
+    "the time twice, no channel": "X_Dimension\tTime\tTime\nSamples\t3\t3\n",
+}
+
+
+@pytest.mark.parametrize("kind", ABOVE)
+def test_the_header_is_the_row_above_the_data_that_names_the_most(tmp_path, plain, kind):
+    run = read(tmp_path, ABOVE[kind] + PLAIN)
+    assert run.channels == plain.channels and np.array_equal(run.values, plain.values, equal_nan=True)
+    rows = ABOVE[kind].count("\n")
+    assert run.notes == (f"{rows} row{'' if rows == 1 else 's'} before the header left out",)
+
+
+def test_a_header_with_units_goes_before_one_without(tmp_path):
+    run = read(tmp_path, "time [ms],heave [mm]\ntime,heave\n0,1\n100,2\n")
+    assert run.times.tolist() == [0, 0.1] and run["heave"].tolist() == [0.001, 0.002]
+
+
+NOT_NAMED = {
+    "other names": (
+        "Model,X\n\nTIME,CH1,CH2\n0,1,2\n1,2,3\n",
+        r"row 3: no channel beside 'time' \(there are 'TIME'; 'CH1'; 'CH2'\); name those that are channels so",
+    ),
+    "names in a comment": ("%time,field.x\n0,1\n1,2\n", "row 1: no channel beside 'time' .*'field.x'"),
+    "one cell more in all rows": (
+        "time,surge,heave\n1,0,1,2\n2,1,2,3\n",
+        "row 2: 4 cells where the header names 3; as in all rows; name each column in the header",
+    ),
+    "one cell more in one": ("time,heave\n0,1\n1,2,3\n", "row 3: 3 cells where .* 2; complete the row or delete it"),
+    "another table": ("time,heave\n0,1\n1,2\n\ntime,sway\n0,1\n", "row 5: another table begins; make a file of"),
+    "no header": ("2026-01-01T10:00:00,1\n2026-01-01T10:00:01,2\n", "row 1: no header; a row above must name"),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_NAMED)
+def test_a_table_whose_columns_are_not_named(tmp_path, kind):
+    text, message = NOT_NAMED[kind]
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, text)
 
 
 def test_a_cell_over_several_lines_keeps_the_rows_numbers(tmp_path):
@@ -303,6 +359,8 @@ DATES = {
     "Python's logging": ["2026-01-01 23:59:59,500", "2026-01-02 00:00:00,000", "2026-01-02 00:00:00,250"],
     "American, past the end of a month": ["01/31/2026 23:59:59.5", "02/01/2026 00:00:00", "02/01/2026 00:00:00.25"],
     "past midnight, the day first": ["01/02/2026 23:59:59.5", "02/02/2026 00:00:00", "02/02/2026 00:00:00.25"],
+    "MATLAB": ["29-Nov-2026 10:00:59.500", "29-Nov-2026 10:01:00.000", "29-Nov-2026 10:01:00.250"],
+    "the month in words": ["Nov 29 2026 10:00:59.5", "Nov 29 2026 10:01:00", "Nov 29 2026 10:01:00.25"],
     "time of day": ["10:00:59.500", "10:01:00.000", "10:01:00.250"],
     "stopwatch": ["00:59.5", "01:00.0", "01:00.25"],
 }
@@ -348,7 +406,13 @@ OTHERS = {
     "workbook": (b"PK\x03\x04" + bytes(50), "is no CSV but a workbook or an archive; save the sheet as CSV"),
     "gzip": (b"\x1f\x8b\x08" + bytes(50), "compressed; unpack it with `gunzip`"),
     "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(50), "a MATLAB file"),
-    "binary": (bytes(range(256)), "row 1: a NUL character"),
+    "binary": (bytes(range(256)), "is no CSV but a binary file"),
+    "binary, mostly of NUL": (b"data" + bytes(300), "is no CSV but a binary file"),
+    "a NUL within": (b"time,heave\n0,1\n1,\0002\n", "row 3: a NUL character"),
+    "numpy": (b"\x93NUMPY\x01\x00v\x00{'descr': '<f8'}\n", "numpy.savetxt"),
+    "rich text": (b"{\\rtf1 time,heave}", "rich text"),
+    "page behind an empty row": (b"\n <html>", "a page of HTML"),
+    "records": (b'[{"time": 0}]', "JSON"),
     "pointer": (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
     "page": (b"<!DOCTYPE html>", "a page of HTML"),
     "half of UTF-16": ("\ufefftime,heave\n0,1\n".encode("utf-16-le")[:-1], "not UTF-16-LE text"),

@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.state import CHANNELS
-from .csv_layout import INPUT, NOTHING, TIME, Column, Layout, find_layout, number, shown, split
+from .csv_cells import NOTHING, is_grouped, is_time, number, shown, split
+from .csv_header import TIME, known_name
+from .csv_layout import INPUT, Column, Layout, find_layout
 from .csv_text import read_text
+from .csv_times import is_of_day, read_times, whole_nanoseconds
 from .measurement import Array, Run
 from .order import Place, in_order
 
 #: Further cells that say "not measured", as spreadsheets and people write it.
 EMPTY = ("-", "--", "---", "?", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?")
-#: ns of a day.
-DAY = 86_400_000_000_000
 
 
 def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str] | None = None) -> Run:
@@ -139,13 +140,13 @@ def _complete(file: Path, body: bytes, layout: Layout, separator: bytes, notes: 
     if first == last and cells[first] < layout.cells and used.sum() > 2:
         notes.append(f"the last row ({layout.first_row + first}) is cut off and left out")
         return body[: starts[first]]
-    hint = (
-        "; decimal commas need semicolons between the cells"
-        if cells[first] >= 2 * layout.cells - 1 and separator == b","
-        else ""
-    )
+    remedy = "complete the row or delete it"
+    if len(wrong) == used.sum() > 1 and (cells[wrong] == cells[first]).all():
+        remedy = "as in all rows; name each column in the header"
+        if cells[first] >= 2 * layout.cells - 1 and separator == b",":
+            remedy = "as in all rows; decimal commas need semicolons between the cells"
     counts = f"{cells[first]} cell{'' if cells[first] == 1 else 's'} where the header names {layout.cells}"
-    raise InputError(f"{file}, row {layout.first_row + first}: {counts}{hint}; complete the row or delete it")
+    raise InputError(f"{file}, row {layout.first_row + first}: {counts}; {remedy}")
 
 
 def _trimmed(body: bytes, rows: NDArray[np.intp], starts: NDArray[np.intp], ends: NDArray[np.intp]) -> bytes:
@@ -163,6 +164,7 @@ class _Table:
 
     def __init__(self, file: Path, layout: Layout, body: bytes) -> None:
         self.file, self.layout, self.body = file, layout, body
+        self.known = {c.name for c in layout.columns} | set(CHANNELS)
         self.time = next(c for c in layout.columns if c.name == TIME)
 
     def rows(self) -> Iterator[tuple[int, str]]:
@@ -221,7 +223,9 @@ class _Table:
                     usecols=wanted,
                     dtype=kinds,
                     na_values=[
-                        write(cell) for cell in (*NOTHING, *EMPTY) for write in (str.lower, str.upper, str.title)
+                        write(cell)
+                        for cell in (*NOTHING, *EMPTY)
+                        for write in (str.lower, str.upper, str.title, _as_computed)
                     ],
                     skip_blank_lines=True,
                     quoting=csv.QUOTE_NONE,
@@ -245,7 +249,9 @@ class _Table:
                 cell = cells[column.place].strip() if column.place < len(cells) else ""
                 if cell.lower() not in empty and number(cell, decimal) is None:
                     place = f"{self.file}, row {row}, column '{column.header}'"
-                    if re.fullmatch(r"[+-]?\d{1,3}([.,' ’]\d{3})+([.,]\d*)?", cell):
+                    if column.name == TIME and sum(known_name(c)[0] in self.known for c in cells) > 1:
+                        raise InputError(f"{self.file}, row {row}: another table begins; make a file of each")
+                    if is_grouped(cell):
                         remedy = "export the numbers without thousands separators"
                         raise InputError(f"{place}: {shown(cell)} has thousands separators; {remedy}")
                     remedy = "correct it or " + ("delete the row" if column.name == TIME else "leave it empty")
@@ -259,8 +265,7 @@ class _Table:
         for _, line in self.rows():
             cells = split(line, "\t" if self.layout.separator == " " else self.layout.separator)
             cell = cells[self.time.place] if self.time.place < len(cells) else ""
-            dated = re.match(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d+:\d\d|\d{8}[T ]\d", cell)
-            return cell if dated and number(cell) is None else ""
+            return cell if is_time(cell) and not is_grouped(cell) else ""
         return ""
 
     def _times(self, times: Array) -> Array:
@@ -274,21 +279,9 @@ class _Table:
 
     def _dates(self, cells: Any, notes: list[str]) -> NDArray[np.int64]:
         """Whole ns of dates (since 1970) or times of day."""
-        import pandas as pd
-
         text = cells.fillna("").str.strip()
-        text = text.str.replace(r"(?<=\d),(?=\d)", ".", regex=True)
         first = text.iloc[0]
-        if re.match(r"\d+:", first):
-            times = _times_of_day(text)
-        elif re.match(r"\d{4}-|\d{8}[T ]", first):
-            times = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce").dt.as_unit("ns")
-        else:
-            read = [
-                pd.to_datetime(text, format="mixed", dayfirst=first, utc=True, errors="coerce").dt.as_unit("ns")
-                for first in (True, False)
-            ]
-            times = min(read, key=lambda t: t.max() - t.min())  # 01/02 and 02/02 are a day apart, not a month
+        times = read_times(text)
         if times.isna().any():
             i = int(times.isna().to_numpy().argmax())
             if not text.iloc[i]:
@@ -298,25 +291,12 @@ class _Table:
                 raise self.error(i, self.time, f"{shown(first)} is no time that is read; {remedy}")
             remedy = "correct it or delete the row"
             raise self.error(i, self.time, f"{shown(text.iloc[i])} is no time like {shown(first)}; {remedy}")
-        stamps = times.astype("int64").to_numpy()
-        past = (
-            np.concatenate([[0], np.cumsum(np.diff(stamps) < -DAY // 2)])
-            if re.match(r"\d+:", first)
-            else np.zeros(1, int)
-        )
-        if past[-1]:
+        stamps, passed_midnight = whole_nanoseconds(times, of_day=is_of_day(first))
+        if passed_midnight:
             notes.append("the times of day pass midnight: 24 h added to the later ones")
-        return stamps + past * DAY
+        return stamps
 
 
-def _times_of_day(text: Any) -> Any:
-    """Times since midnight out of `10:59:00.5`, `59:00.5` or `10:59:00.5 PM`; not a time where there is none."""
-    import pandas as pd
-
-    half = text.str.extract(r"(?i)\b([ap])\.?m\.?$")[0].str.lower()
-    clock = text.str.replace(r"(?i)\s*\b[ap]\.?m\.?$", "", regex=True)
-    clock = clock.where(clock.str.count(":") != 1, "00:" + clock)
-    times = pd.to_timedelta(clock, errors="coerce").astype("timedelta64[ns]")
-    twelve = clock.str.match("12:")
-    hours = 12 * ((half == "p") & ~twelve).astype(int) - 12 * ((half == "a") & twelve).astype(int)
-    return times + pd.to_timedelta(hours, unit="h")
+def _as_computed(cell: str) -> str:
+    """No number, no time, as programs write them."""
+    return cell.replace("nan", "NaN").replace("nat", "NaT")

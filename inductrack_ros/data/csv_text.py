@@ -25,17 +25,32 @@ OTHERS = (
     (b"TDSm", "a LabVIEW TDMS file; export it as CSV"),
     (b"MDF ", "an MDF file; export it as CSV"),
     (b"version https://git-lfs", "a pointer of Git LFS; fetch the file itself with `git lfs pull`"),
+    (b"ULog", "a PX4 log; export it with `ulog2csv`"),
+    (b"\x93NUMPY", "an array of numpy; write it with numpy.savetxt and name the columns in its header"),
+    (b"ARROW1", "an Arrow file; export it as CSV"),
+    (b"%PDF-", "a PDF; export the table as CSV"),
+    (b"{\\rtf", "rich text; save it as plain text"),
     (b"<", "a page of HTML or XML; export the table as CSV"),
     (b"{", "JSON; export it as CSV"),
-    (b"ULog", "a PX4 log; export it with `ulog2csv`"),
+    (b"[{", "JSON; export it as CSV"),
 )
+#: Characters that text does not hold, but for NUL, which a recording that was cut off may end in.
+_BINARY = re.compile(rb"[\x01-\x08\x0e-\x19\x1c-\x1f\x7f]")
 #: What is no part of a table (a byte-order mark, also where files were joined), and blanks and a minus as typesetters
 #: write them, each with what stands for it.
-TYPESET = ((codecs.BOM_UTF8, b""), ("\u00a0".encode(), b" "), ("\u202f".encode(), b" "), ("\u2212".encode(), b"-"))
+TYPESET = (
+    (codecs.BOM_UTF8, b""),
+    ("\u200b".encode(), b""),
+    ("\u00a0".encode(), b" "),
+    ("\u202f".encode(), b" "),
+    ("\u2212".encode(), b"-"),
+)
 #: Bytes by which an encoding without a mark is told.
 HEAD = 4096
 #: A quoted cell that goes over several lines, and no further than that.
 _QUOTED = re.compile(rb'((?<![^,;|\t\n])"(?:[^"\n]|"")*(?:\n(?:[^"\n]|"")*){1,20}"(?![^,;|\t\n]))')
+#: A table of which each row is in quotes, as a spreadsheet saves one that it took for one column.
+_QUOTED_ROWS = re.compile(rb'(?:"[^"\n]*[,;|\t][^"\n]*"[ \t]*\n|[ \t]*\n)+')
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
     (codecs.BOM_UTF32_LE, "utf-32-le"),
@@ -57,10 +72,13 @@ def read_text(file: Path, notes: list[str]) -> bytes:
         data = file.read_bytes()
     except (OSError, ValueError) as error:
         raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    start = data[:HEAD].lstrip()
     for head, what in OTHERS:
-        if data.startswith(head):
+        if data.startswith(head) or start.startswith(head):
             raise InputError(f"{file}: is no CSV but {what}")
     data = _utf8(file, data, notes)
+    if len(_BINARY.findall(data[:HEAD])) > 2 or b"\0" in data and b"\n" not in data.rstrip(b"\0"):
+        raise InputError(f"{file}: is no CSV but a binary file; export the table as CSV with the program that wrote it")
     for typed, meant in TYPESET:
         data = data.replace(typed, meant)
     if b"\r" in data:
@@ -74,6 +92,8 @@ def read_text(file: Path, notes: list[str]) -> bytes:
             " again"
         )
     data = data if data.endswith(b"\n") else data + b"\n"
+    if data.startswith(b'"') and _QUOTED_ROWS.fullmatch(data):
+        data = data.replace(b'"', b"")
     return _joined(data) if b'"' in data else data
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import InputError
-from .csv_layout import TIME
+from .csv_header import TIME
 from .measurement import Array, Run
 
 

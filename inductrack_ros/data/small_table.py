@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.errors import InputError, did_you_mean
-from .csv_layout import COMMENT, SEPARATORS, decimal_sign, number, parts, shown, split
+from .csv_cells import COMMENT, SEPARATORS, decimal_sign, number, shown, split
+from .csv_header import parts
 from .csv_text import read_text
 from .units import factor
 
