@@ -87,6 +87,23 @@ def test_rows_that_a_killed_recorder_left_beside_the_database(tmp_path):
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
 
 
+def test_rows_that_cannot_be_taken_from_beside_the_database_are_missed(tmp_path):
+    folder = sqlite_bag(tmp_path / "run", {GOOD: raw(poses(40))}, wal_from=15)
+    wal = folder / "run_0.db3-wal"
+    whole = wal.read_bytes()
+    wal.write_bytes(whole[:-500])
+    run = read_bag(folder)
+    assert 15 < len(run.times) < 40 and "pages, which are read: messages may be missing" in run.notes[0]
+    wal.write_bytes(b"no journal" * 100)
+    run = read_bag(folder)
+    assert len(run.times) == 15
+    assert run.notes == ("run_0.db3-wal is damaged and not read: messages may be missing",)
+    wal.unlink()
+    assert read_bag(folder).notes == ()
+    (folder / "run_0.db3-journal").write_bytes(bytes(512))  # done with, as journal_mode PERSIST leaves it
+    assert read_bag(folder).notes == ()
+
+
 METADATA = {
     "no QoS": lambda text: "\n".join(line for line in text.splitlines() if "offered_qos" not in line),
     "no storage": lambda text: text.replace("storage_identifier: mcap", 'storage_identifier: ""'),
@@ -117,8 +134,42 @@ def test_files_that_metadata_name_or_do_not(tmp_path):
     shutil.copy(bag / "bag.mcap", bag / "bag_1.mcap")
     assert read_bag(bag).notes == ("bag_1.mcap is left out: metadata.yaml does not name it",)
     (bag / "bag.mcap").unlink()
-    with pytest.raises(InputError, match="bag.mcap is missing, which metadata.yaml names"):
+    metadata = (bag / "metadata.yaml").read_text()
+    (bag / "metadata.yaml").write_text(metadata.replace("  - bag.mcap\n", "  - bag_0.mcap\n  - bag_1.mcap\n"))
+    with pytest.raises(InputError, match="bag_0.mcap is missing, which metadata.yaml names"):
         read_bag(bag)
+
+
+def test_a_file_that_was_renamed_or_unpacked(tmp_path):
+    bag = record(tmp_path / "bag", {GOOD: poses()})
+    metadata = (bag / "metadata.yaml").read_text()
+    (bag / "metadata.yaml").write_text(metadata.replace("- bag.mcap", "- bag.mcap.zstd"))
+    assert read_bag(bag).notes == ()
+    (bag / "metadata.yaml").write_text(metadata.replace("- bag.mcap", "- old.mcap"))
+    run = read_bag(bag)
+    assert len(run.times) == 3 and run.notes == ("metadata.yaml is not used: it names old.mcap, which is not there",)
+
+
+def test_the_parts_of_a_recording_without_metadata(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for i in range(3):
+        part = [pose(EPOCH + (10 * i + j) * 2_000_000, (0.1 * (10 * i + j), 0, 0, 0)) for j in range(10)]
+        shutil.copy(record(tmp_path / f"part{i}", {GOOD: part}) / f"part{i}.mcap", folder / f"run_{i}.mcap")
+    whole = read_bag(folder)
+    assert len(whole.times) == 30 and whole.notes == ()
+    (folder / "run_0.mcap.zstd").write_bytes(zstd.compress((folder / "run_0.mcap").read_bytes()))
+    run = read_bag(folder)
+    assert np.array_equal(run.values, whole.values)
+    assert run.notes == ("run_0.mcap.zstd is left out: it is there unpacked, too",)
+    (folder / "run_0.mcap.zstd").unlink()
+    (folder / "run_2.mcap").write_bytes(b"")
+    run = read_bag(folder)
+    assert len(run.times) == 20
+    assert run.notes == ("run_2.mcap is empty and left out: the recorder ended before it was written",)
+    shutil.copy(folder / "run_0.mcap", folder / "run_2.mcap")
+    (folder / "run_1.mcap").unlink()
+    assert "files 0 and 2 follow each other: what was recorded between them is missing" in read_bag(folder).notes
 
 
 @pytest.mark.parametrize("suffix", [".zstd", ".zst"])
@@ -129,6 +180,7 @@ def test_compressed_files(tmp_path, suffix):
     packed.write_bytes(zstd.compress((bag / "bag.mcap").read_bytes()))
     run = read_bag(packed)
     assert run.name == "bag_0" and len(run.times) == 3
+    assert run.notes == (f"{packed.name} is compressed with zstd and read from an unpacked copy",)
     assert len(read_bag(packed.parent).times) == 3
     packed.write_bytes(packed.read_bytes()[:-40])
     with pytest.raises(InputError, match="zstd compression is damaged or cut off.*copy the file again"):
@@ -154,6 +206,21 @@ def test_the_names_of_other_tools(tmp_path):
         read_bag(tmp_path / "old.bag")
     with pytest.raises(InputError, match="a ROS 1 bag"):
         read_bag(tmp_path)
+    (tmp_path / "run.mcap").write_bytes(b"version https://git-lfs.github.com/spec/v1\n")
+    with pytest.raises(InputError, match="is no bag but a pointer of Git LFS; fetch the file itself"):
+        read_bag(tmp_path / "run.mcap")
+
+
+def test_no_room_to_unpack(tmp_path, monkeypatch):
+    bag = record(tmp_path / "bag", {GOOD: poses()})
+    (tmp_path / "run.mcap.zstd").write_bytes(zstd.compress((bag / "bag.mcap").read_bytes()))
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(shutil, "copyfileobj", full)
+    with pytest.raises(InputError, match="cannot be unpacked into .*: No space left on device; .*set TMPDIR"):
+        read_bag(tmp_path / "run.mcap.zstd")
 
 
 # ---------------------------------------------------------------- messages
@@ -194,6 +261,35 @@ def test_poses_without_numbers_are_not_measured(tmp_path):
     ]
 
 
+def test_messages_that_cannot_be_decoded(tmp_path):
+    good = raw(poses(5))
+    run = read_bag(sqlite_bag(tmp_path / "few", {GOOD: [*good[:2], (POSE, b""), (POSE, None), *good[2:]]}))
+    assert len(run.times) == 5 and run.notes[0].startswith("2 of 7 messages on /inductrack/pose are damaged and left")
+    with pytest.raises(InputError, match="5 of 6 messages are no geometry_msgs/msg/PoseStamped .*serialized as CDR"):
+        read_bag(sqlite_bag(tmp_path / "most", {GOOD: [good[0], *5 * [(POSE, b'{"x": 1}')]]}))
+
+
+def test_a_type_as_ros_1_spells_it(tmp_path):
+    spelled = [("geometry_msgs/PoseStamped", data) for _, data in raw(poses())]
+    assert len(read_bag(sqlite_bag(tmp_path / "run", {GOOD: spelled})).times) == 3
+
+
+def test_what_a_sensor_does_not_see_is_counted(tmp_path):
+    seen = [gap(EPOCH + i * 2_000_000, 9.0 if i < 2 else 0.004, 0.0, 0.02) for i in range(5)]
+    run = read_bag(record(tmp_path / "bag", {GOOD: poses(5), "/inductrack/gap_top": seen}))
+    assert run.notes == (
+        "2 of 5 messages on /inductrack/gap_top are NaN, infinite or out of the sensor's range: not measured",
+    )
+
+
+def test_pitch_and_yaw_are_said_not_to_be_used(tmp_path):
+    turned = [pose(EPOCH + i * 2_000_000, (0.1 * i, 0, 0, 0), orientation=[0, 0, 0.5**0.5, 0.5**0.5]) for i in range(3)]
+    (note,) = read_bag(record(tmp_path / "bag", {GOOD: turned})).notes
+    assert note.startswith("pitch and yaw on /inductrack/pose, up to 90°, are not used")
+    rolled = [pose(EPOCH + i * 2_000_000, (0, 0, 0, 0.5)) for i in range(3)]
+    assert read_bag(record(tmp_path / "rolled", {GOOD: rolled})).notes == ()
+
+
 def test_a_tracker_of_places_only(tmp_path):
     places = [pose(EPOCH + i * 2_000_000, (0.1 * i, 0, 0, 0), orientation=[0, 0, 0, 0]) for i in range(3)]
     force = [imu(EPOCH + 2_000_000, (0.0, 0.0, 9.81))]
@@ -226,6 +322,19 @@ def test_the_sensors_beside_a_named_pose(tmp_path):
     assert alone.channels == COORDINATES and "/rig1/measured/twist" in alone.notes[0]
 
 
+def test_whatever_may_say_something_of_the_rig_is_named(tmp_path):
+    number = [("std_msgs/msg/Float64", make("std_msgs/msg/Float64", 0.004))]
+    clock = [("rosgraph_msgs/msg/Clock", make("rosgraph_msgs/msg/Clock", make("builtin_interfaces/msg/Time", 1, 0)))]
+    topics = {"/rig/pose": poses(), "/rig/gap_left": number, "/rig/current": number, "/clock": clock}
+    bag = record(tmp_path / "bag", topics)
+    (note,) = read_bag(bag, {"pose": "/rig/pose"}).notes
+    assert note.startswith("topics left out: /rig/current, /rig/gap_left;")
+    with pytest.raises(InputError, match="none is a geometry_msgs/msg/TwistStamped with messages: republish"):
+        read_bag(bag, {"pose": "/rig/pose", "twist": "/rig/twist"})
+    with pytest.raises(InputError, match="an empty bag, it has no topics"):
+        read_bag(record(tmp_path / "empty", {}))
+
+
 def test_the_only_pose_is_named(tmp_path):
     bag = record(tmp_path / "bag", {"/rig1/measured/pose": poses(), "/rig1/pose": poses()})
     with pytest.raises(InputError, match=r"set topics: \{pose: /rig1/measured/pose\} in campaign.yaml"):
@@ -236,13 +345,3 @@ def test_a_topic_without_messages_is_there(tmp_path):
     bag = record(tmp_path / "bag", {"/inductrack/measured/pose": POSE})
     with pytest.raises(InputError, match="/inductrack/measured/pose: no messages"):
         read_bag(bag)
-
-
-# ---------------------------------------------------------------- play
-
-
-def test_play_plays_what_compare_reads(ros, tmp_path):
-    folder = sqlite_bag(tmp_path / "run #1", {GOOD: raw(poses(20))}, wal_from=5)
-    player = ros.start("play", "--at-once", "-d", "0", str(folder))
-    assert player.wait() == 0
-    assert "20 messages played" in player.output and "run_0.db3-wal is read too" in player.output

@@ -21,3 +21,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     if near:
         return f"; did you mean '{near[0]}'?"
     return f"; known: {', '.join(known)}" if known else ""
+
+
+def one_line(error: Exception) -> str:
+    """What a library's exception says, in one line that is not too long."""
+    return " ".join(str(error).split())[:200] or type(error).__name__

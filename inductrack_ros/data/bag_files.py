@@ -10,40 +10,40 @@ from __future__ import annotations
 import contextlib
 import re
 import shutil
-import sqlite3
 import tempfile
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path, PurePath
+from pathlib import Path
 
-from rosbags.interfaces import Connection, QosReliability
+from rosbags.interfaces import Connection, QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
-from ..core.errors import InputError
-from ..core.yaml_files import read_yaml
+from ..core.errors import InputError, one_line
+from .bag_storage import METADATA, ROS1, SQLITE, head_of, storage_files
+from .file_kinds import kind_of
 from .mcap_salvage import MAGIC, salvage, zstd
+from .sqlite_files import whole_database
 
-METADATA = "metadata.yaml"
-SQLITE, ZSTD, ROS1 = b"SQLite format 3\0", b"\x28\xb5\x2f\xfd", b"#ROSBAG V"
-_PACKED = (".zstd", ".zst")
+ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic in a bag: message type, number of messages, whether all its publishers offered best effort only."""
+    """A topic in a bag: message type, number of messages, whether all its publishers offered best effort only, and
+    whether they kept their last message for who comes later (transient local)."""
 
     name: str
     msgtype: str
     count: int
     lossy: bool
+    latched: bool = False
 
     def joined(self, other: Topic | None) -> Topic:
         """This and another part of the same topic."""
-        return (
-            self
-            if other is None
-            else Topic(self.name, other.msgtype, self.count + other.count, self.lossy and other.lossy)
-        )
+        if other is None:
+            return self
+        count, lossy = self.count + other.count, self.lossy and other.lossy
+        return Topic(self.name, other.msgtype, count, lossy, self.latched and other.latched)
 
 
 @dataclass(frozen=True)
@@ -72,22 +72,6 @@ class Bag:
                 yield from _messages(file, names)
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path is read as a bag rather than as text: a folder, or a file that begins or ends as a bag does."""
-    if path.is_dir():
-        return True
-    try:
-        head = _head(path) if path.is_file() else b""  # opening a pipe could wait for ever
-    except (OSError, ValueError):
-        head = b""
-    return _inner(path).suffix in (".mcap", ".db3", ".bag") or head.startswith((MAGIC, SQLITE, ROS1))
-
-
-def unpacked_name(path: Path) -> str:
-    """A file's name without the suffix of a compression."""
-    return path.stem if path.suffix in _PACKED else path.name
-
-
 @contextlib.contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a rosbag2 folder or one of its files; copies that are needed are gone at the end.
@@ -97,7 +81,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     try:
         with tempfile.TemporaryDirectory(prefix="inductrack-") as folder:
             notes: list[str] = []
-            given, promised = _storage_files(path, notes)
+            given, promised = storage_files(path, notes)
             files = tuple(_readable(file, Path(folder, str(i)), notes) for i, file in enumerate(given))
             topics: dict[str, Topic] = {}
             for file in files:
@@ -122,96 +106,27 @@ def open_bag(path: Path) -> Iterator[Bag]:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
-# ---------------------------------------------------------------- which files
-
-
-def _storage_files(path: Path, notes: list[str]) -> tuple[list[Path], int]:
-    """The storage files of a bag in their order, and how many messages its metadata promise (0: they do not say)."""
-    try:
-        if path.is_file():
-            if not is_bag(path):
-                raise InputError(f"{path}: not a bag; give a rosbag2 folder, a .mcap or a .db3")
-            return [path], 0
-        if not path.is_dir():
-            raise InputError(f"{path}: no such bag")
-        inside = sorted((p for p in path.iterdir() if _is_storage(p)), key=_natural)
-        has_metadata = (path / METADATA).is_file()
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    named, promised = _metadata(path / METADATA, notes) if has_metadata else ([], 0)
-    if named:
-        missing = [name for name in named if not (path / name).is_file()]
-        if missing:
-            raise InputError(
-                f"{path}: {missing[0]} is missing, which {METADATA} names; copy it here, or `ros2 bag reindex {path}`"
-            )
-        if left := [p.name for p in inside if p.name not in named]:
-            notes.append(f"{', '.join(left)} is left out: {METADATA} does not name it")
-        return [path / name for name in named], promised
-    if not inside:
-        ros1 = next(iter(sorted(path.glob("*.bag"))), None)
-        if ros1 is not None:
-            return [ros1], 0
-        raise InputError(f"{path}: not a rosbag2 folder: neither {METADATA} nor a .mcap or .db3 in it")
-    if len({re.sub(r"_\d+$", "", _inner(p).stem) + _inner(p).suffix for p in inside}) > 1:
-        raise InputError(
-            f"{path}: {METADATA} is missing, and the files belong to several bags; name one of them as the run's file"
-        )
-    return inside, promised
-
-
-def _metadata(file: Path, notes: list[str]) -> tuple[list[str], int]:
-    """Names of the storage files and number of messages; none and 0 where the metadata cannot be read."""
-    try:
-        information = read_yaml(file, aliases=True)["rosbag2_bagfile_information"]
-        names = [PurePath(name).name for name in information["relative_file_paths"]]
-        count = information.get("message_count", 0)
-        return names, count if isinstance(count, int) and not isinstance(count, bool) else 0
-    except (InputError, KeyError, TypeError, AttributeError):
-        notes.append(f"{METADATA} cannot be read and is not used")
-        return [], 0
-
-
-def _is_storage(path: Path) -> bool:
-    return not path.name.startswith(".") and _inner(path).suffix in (".mcap", ".db3") and path.is_file()
-
-
-def _inner(path: Path) -> Path:
-    return Path(unpacked_name(path))
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """run_2 before run_10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
-
-
 # ---------------------------------------------------------------- one file
 
 
 def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
     """The file as `rosbags` can read it: unpacked, under a name that SQLite takes, with what its journal holds."""
-    path, head = file, _head(file)
+    path, head = file, head_of(file)
     if head.startswith(ZSTD):
-        folder.mkdir(exist_ok=True)
-        path = folder / "unpacked"
-        try:
-            with zstd.open(file, "rb") as packed, path.open("wb") as unpacked:
-                shutil.copyfileobj(packed, unpacked)
-        except (zstd.ZstdError, EOFError) as error:
-            raise InputError(
-                f"{file}: the zstd compression is damaged or cut off ({_one_line(error)}); copy the file again"
-            ) from None
-        head = _head(path)
+        path = _unpacked(file, folder, notes)
+        head = head_of(path)
     if head.startswith(ROS1):
         raise InputError(
             f"{file}: a ROS 1 bag; convert it: `rosbags-convert --src {file} --dst {file.with_suffix('')}`, and name"
             " that folder"
         )
     if head.startswith(SQLITE):
-        return _File(_database(path, file, folder, notes), file)
+        return _File(_under(whole_database(path, file, folder, notes), folder, ".db3"), file)
     if not head:
         raise InputError(f"{file}: empty, the recording was cut off; record it again")
     if not head.startswith(MAGIC):
+        if what := kind_of(head):
+            raise InputError(f"{file}: is no bag but {what}")
         raise InputError(
             f"{file}: cannot be read as a rosbag2: it begins neither as MCAP nor as SQLite, damaged or cut off"
         )
@@ -222,28 +137,23 @@ def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
     return _File(_under(path, folder, ".mcap"), file, cut)
 
 
-def _database(path: Path, given: Path, folder: Path, notes: list[str]) -> Path:
-    """A database that is whole in one file. Changes that SQLite keeps beside it (a recorder that was killed) are taken
-    in, in a copy."""
-    beside = [Path(f"{given}{suffix}") for suffix in ("-wal", "-journal")]
-    beside = [p for p in beside if p.is_file() and p.stat().st_size]
-    if not beside:
-        _check_length(path)
-        return _under(path, folder, ".db3")
-    folder.mkdir(exist_ok=True)
-    copy = folder / "copy.db3"
-    shutil.copyfile(path, copy)
-    for file in beside:
-        shutil.copyfile(file, f"{copy}{file.name.removeprefix(given.name)}")
+def _unpacked(file: Path, folder: Path, notes: list[str]) -> Path:
+    """An unpacked copy of a file that is compressed with zstd."""
+    copy = folder / "unpacked"
     try:
-        with contextlib.closing(sqlite3.connect(copy)) as database:
-            database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-            database.execute("PRAGMA journal_mode=DELETE").fetchall()
-    except sqlite3.Error as error:
+        folder.mkdir(exist_ok=True)
+        with zstd.open(file, "rb") as packed, copy.open("wb") as unpacked:
+            shutil.copyfileobj(packed, unpacked)
+    except (zstd.ZstdError, EOFError) as error:
         raise InputError(
-            f"{beside[0]}: cannot be taken into {given.name} ({_one_line(error)}); try `sqlite3 {given.name} .recover`"
+            f"{file}: the zstd compression is damaged or cut off ({one_line(error)}); copy the file again"
         ) from None
-    notes.append(f"{beside[0].name} is read too: the recorder ended before it was taken into {given.name}")
+    except OSError as error:
+        raise InputError(
+            f"{file}: is compressed and cannot be unpacked into {tempfile.gettempdir()}: {error.strerror}; unpack it"
+            " with `zstd -d`, or set TMPDIR to a folder with room"
+        ) from None
+    notes.append(f"{file.name} is compressed with zstd and read from an unpacked copy")
     return copy
 
 
@@ -258,38 +168,33 @@ def _under(path: Path, folder: Path, suffix: str) -> Path:
     return link
 
 
-def _check_length(file: Path) -> None:
-    """SQLite reads the missing end of a file as zeros; its header says how many pages there should be."""
-    head = _head(file)
-    page_size, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
-    if file.stat().st_size < pages * (page_size if page_size > 1 else 65536):
-        raise InputError(f"{file}: cut off, its end is missing; copy it again or try `sqlite3 {file.name} .recover`")
-
-
-def _head(file: Path) -> bytes:
-    with file.open("rb") as stream:
-        return stream.read(32)
-
-
 def _topics(file: _File) -> Iterator[Topic]:
     if file.cut:
-        counts: dict[tuple[str, str, bool], int] = {}
+        counts: dict[tuple[str, str, str], int] = {}
         for channel, _, _ in salvage(file.path):
-            key = (
-                channel.topic,
-                channel.msgtype,
-                bool(re.search(r"reliability: *['\"]?(2|best_effort)\b", channel.offered_qos)),
-            )
+            key = channel.topic, channel.msgtype, channel.offered_qos
             counts[key] = counts.get(key, 0) + 1
-        yield from (Topic(*key[:2], count, key[2]) for key, count in counts.items())
+        for (name, msgtype, offered), count in counts.items():
+            lossy = re.search(r"reliability: *['\"]?(2|best_effort)\b", offered) is not None
+            latched = re.search(r"durability: *['\"]?(1|transient_local)\b", offered) is not None
+            yield Topic(name, _as_of_ros2(msgtype), count, lossy, latched)
         return
     with Reader(file.path) as reader:
-        yield from (Topic(c.topic, c.msgtype, c.msgcount, _lossy(c)) for c in reader.connections)
+        for c in reader.connections:
+            yield Topic(c.topic, _as_of_ros2(c.msgtype), c.msgcount, *_offered(c))
 
 
-def _lossy(connection: Connection) -> bool:
-    offered = [qos.reliability for qos in connection.ext.offered_qos_profiles]
-    return bool(offered) and all(reliability == QosReliability.BEST_EFFORT for reliability in offered)
+def _as_of_ros2(msgtype: str) -> str:
+    """`geometry_msgs/PoseStamped`, as converters write it, in the spelling of ROS 2."""
+    package, slash, name = msgtype.partition("/")
+    return f"{package}/msg/{name}" if slash and "/" not in name else msgtype
+
+
+def _offered(connection: Connection) -> tuple[bool, bool]:
+    """Whether all publishers offered best effort only, and whether all kept their last message."""
+    profiles = connection.ext.offered_qos_profiles
+    lossy = bool(profiles) and all(qos.reliability == QosReliability.BEST_EFFORT for qos in profiles)
+    return lossy, bool(profiles) and all(qos.durability == QosDurability.TRANSIENT_LOCAL for qos in profiles)
 
 
 def _messages(file: _File, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
@@ -302,6 +207,7 @@ def _messages(file: _File, names: Collection[str]) -> Iterator[tuple[str, int, b
             return
         # A message begins with 0, a compressed one does not.
         for connection, time, data in reader.messages(connections):
+            data = data or b""  # a database may hold none
             yield connection.topic, time, zstd.decompress(data) if data[:4] == ZSTD else data
 
 
@@ -313,9 +219,5 @@ def _saying_what_is_damaged(file: _File) -> Iterator[None]:
     except (InputError, GeneratorExit):
         raise
     except Exception as error:
-        tool = "mcap recover" if _head(file.path).startswith(MAGIC) else "sqlite3 .recover"
-        raise InputError(f"{file.given}: damaged ({_one_line(error)}); copy it again or try `{tool}`") from None
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__
+        tool = "mcap recover" if head_of(file.path).startswith(MAGIC) else "sqlite3 .recover"
+        raise InputError(f"{file.given}: damaged ({one_line(error)}); copy it again or try `{tool}`") from None

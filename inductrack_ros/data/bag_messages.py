@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from .. import frames
-from ..core.errors import InputError, did_you_mean
+from ..core.errors import InputError, did_you_mean, one_line
 from ..core.state import GAPS, INSTRUMENTS
 from .bag_files import Bag
 from .measurement import Array
@@ -27,8 +27,10 @@ TYPES = {name: sensor.message for name, sensor in INSTRUMENTS.items()} | {"pulse
 COLUMNS = {name: sensor.channels for name, sensor in INSTRUMENTS.items()} | {"pulses": ("coil", "current")}
 #: Messages that are turned into channels at a time.
 BLOCK = 4096
-#: The largest component of a unit quaternion is between 0.5 and 1.
-UNIT = (0.45, 1.1)
+#: Length of a quaternion that is taken for a unit one.
+UNIT = (0.9, 1.1)
+#: Pitch and yaw (rad) that are worth a word.
+ASKEW = 0.05
 
 
 @dataclass
@@ -50,7 +52,9 @@ def read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict[
     by_topic = {topic: [r for r in readings if r.topic == topic] for topic in wanted.values()}
     for topic, _, raw in bag.messages(by_topic.keys()):
         mine = by_topic[topic]
-        message = _decoded(mine[0], raw)
+        message = _decoded(mine, raw)
+        if message is None:
+            continue
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         numbers = _EXTRACT[mine[0].msgtype](message)
         for reading in mine:
@@ -117,16 +121,23 @@ def _typestore(distribution: Stores) -> Any:
     return get_typestore(distribution)
 
 
-def _decoded(reading: _Reading, raw: bytes) -> Any:
-    """A message. A Range has one number fewer before Jazzy; the other types are alike in all distributions."""
-    try:
-        return _typestore(reading.distribution).deserialize_cdr(raw, reading.msgtype)
-    except Exception as error:
-        if reading.distribution is Stores.ROS2_JAZZY and not reading.count:
-            reading.distribution = Stores.ROS2_HUMBLE
-            return _decoded(reading, raw)
-        said = " ".join(str(error).split())[:160]
-        raise InputError(f"{reading.where}: message {reading.count + 1} is damaged ({said}); record it again") from None
+def _decoded(readings: list[_Reading], raw: bytes) -> Any:
+    """A message; None, and counted, where it is none. A Range has one number fewer before Jazzy; the other types are
+    alike in all distributions."""
+    first, said = readings[0], ""
+    for distribution in (first.distribution,) if first.count else (Stores.ROS2_JAZZY, Stores.ROS2_HUMBLE):
+        try:
+            message = _typestore(distribution).deserialize_cdr(raw, first.msgtype)
+        except Exception as error:
+            said = said or one_line(error)
+            continue
+        for reading in readings:
+            reading.distribution = distribution
+        return message
+    for reading in readings:
+        reading.damaged += 1
+        reading.damage = reading.damage or said
+    return None
 
 
 class _Reading:
@@ -136,10 +147,12 @@ class _Reading:
         self.where, self.key, self.topic = where, key, topic
         self.msgtype, self.distribution = TYPES[key], Stores.ROS2_JAZZY
         self.count = 0  # messages so far
+        self.damaged, self.damage = 0, ""  # messages that cannot be decoded, and what is said of the first
         self._stamps, self._columns = array("q"), [array("d") for _ in COLUMNS[key]]
         self._pending = array("d")  # numbers that are not in the columns yet
         self._lost = 0  # messages whose numbers are NaN or infinite
         self._blank = array("b")  # of poses: 1 where the orientation is 0
+        self._askew = 0.0  # rad, the most that a pose is turned otherwise than by its roll
 
     def add(self, stamp: int, numbers: tuple[float, ...]) -> None:
         """Take a message's stamp (ns) and the numbers that `_EXTRACT` gives."""
@@ -152,14 +165,23 @@ class _Reading:
     def stream(self, notes: list[str]) -> Stream:
         """The measurements in the order of their stamps."""
         self._settle()
+        self._judge_damage(notes)
         stamps, columns = np.array(self._stamps, np.int64), [np.array(c) for c in self._columns]
         if self.key == "pulses":  # two may share a stamp, and a command may be sent before an earlier one
             return Stream(self.topic, stamps, COLUMNS[self.key], columns)
         if len(stamps) > 1 and not stamps.any():
-            raise InputError(f"{self.where}: header stamps are 0; fill header.stamp before publishing")
+            raise InputError(
+                f"{self.where}: header stamps are 0; fill header.stamp before publishing{self._or_leave_out()}"
+            )
         self._judge_orientations(columns, notes)
+        if self._askew > ASKEW:
+            notes.append(
+                f"pitch and yaw on {self.topic}, up to {math.degrees(self._askew):.2g}°, are not used: the model has"
+                " none; x is along the travel, y left, z up"
+            )
         if self._lost:
-            notes.append(f"{self._lost} of {self.count} messages on {self.topic} are NaN or infinite: not measured")
+            why = "NaN, infinite or out of the sensor's range" if self.key in GAPS else "NaN or infinite"
+            notes.append(f"{self._lost} of {self.count} messages on {self.topic} are {why}: not measured")
         place = Place(
             self.where, lambda i: f"message {i + 1}", "message", "one publisher, one run to a bag", f" on {self.topic}"
         )
@@ -168,6 +190,21 @@ class _Reading:
         if index is not None:
             stamps, columns = stamps[index], [c[index] for c in columns]
         return self._measured(stamps, columns, notes)
+
+    def _or_leave_out(self) -> str:
+        return "" if self.key == "pose" else f", or leave the topic out with topics: {{{self.key}: null}}"
+
+    def _judge_damage(self, notes: list[str]) -> None:
+        """A few messages that cannot be decoded are left out; where most cannot, the topic is something else."""
+        if not self.damaged:
+            return
+        of_all = f"{self.damaged} of {self.count + self.damaged} messages"
+        if self.damaged > self.count:
+            raise InputError(
+                f"{self.where}: {of_all} are no {self.msgtype} ({self.damage[:160]}); is it serialized as CDR?"
+                f"{self._or_leave_out()}"
+            )
+        notes.append(f"{of_all} on {self.topic} are damaged and left out ({self.damage[:80]})")
 
     def _measured(self, stamps: NDArray[np.int64], columns: list[Array], notes: list[str]) -> Stream:
         """The stream without the messages and the columns that hold nothing."""
@@ -204,11 +241,13 @@ class _Reading:
     def _converted(self, numbers: Array) -> Array:
         """Columns (m, c) of raw numbers (m, r); NaN where a message is no measurement."""
         if self.key in GAPS:
-            return np.where(_within_range(numbers), numbers[:, 0], np.nan)[:, None]
+            seen = _within_range(numbers)
+            self._lost += int((~seen).sum())
+            return np.where(seen, numbers[:, 0], np.nan)[:, None]
         broken = ~np.isfinite(numbers)
         if self.key == "pulses":
             if broken.any():
-                raise InputError(f"{self.where}: NaN or infinity in a pulse; record it again or {{pulses: null}}")
+                raise InputError(f"{self.where}: NaN or infinity in a pulse{self._or_leave_out()}")
             return numbers
         numbers = np.where(broken, np.nan, numbers)
         self._lost += int(broken.any(axis=1).sum())
@@ -217,11 +256,21 @@ class _Reading:
         if self.key == "twist":
             return frames.twist_to_rates(numbers[:, :3], numbers[:, 3:])
         numbers[broken.any(axis=1)] = np.nan
-        largest = np.abs(numbers[:, 3:]).max(axis=1)
-        self._blank.frombytes((largest == 0).astype(np.int8).tobytes())
-        if ((largest != 0) & ((largest < UNIT[0]) | (largest > UNIT[1]))).any():
-            raise InputError(f"{self.where}: an orientation that is no unit quaternion; publish w = 1 for none")
-        upright = np.where((largest == 0)[:, None], [0.0, 0.0, 0.0, 1.0], numbers[:, 3:])
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(numbers[:, 3:], axis=1)
+        self._blank.frombytes((length == 0).astype(np.int8).tobytes())
+        wrong = (length != 0) & ((length < UNIT[0]) | (length > UNIT[1]))
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise InputError(
+                f"{self.where}: message {len(self._blank) - len(length) + i + 1} has an orientation of length"
+                f" {length[i]:.3g}, no unit quaternion; normalise it, or publish w = 1 for none"
+            )
+        upright = np.where((length == 0)[:, None], [0.0, 0.0, 0.0, 1.0], numbers[:, 3:])
+        turned = 2.0 * np.arcsin(
+            np.minimum(np.hypot(upright[:, 1], upright[:, 2]) / np.where(length, length, 1.0), 1.0)
+        )
+        self._askew = max(self._askew, float(np.nanmax(turned, initial=0.0)))
         return frames.pose_to_coordinates(numbers[:, :3], upright)
 
     def _judge_orientations(self, columns: list[Array], notes: list[str]) -> None:

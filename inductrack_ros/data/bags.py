@@ -18,8 +18,9 @@ from .. import frames
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Pulses
 from ..core.state import CHANNELS, GAPS
-from .bag_files import Bag, Topic, open_bag, unpacked_name
+from .bag_files import Bag, Topic, open_bag
 from .bag_messages import BLOCK, TYPES, Stream, read_field, read_streams
+from .bag_storage import unpacked_name
 from .measurement import Array, Run
 
 #: Where the package's own nodes publish. A rig's sensors stand under `measured/`, the simulator's truth beside it.
@@ -28,15 +29,17 @@ MEASURED = TRUTH + "measured/"
 #: Drive pulses: a PointStamped each; stamp = start of the half sine, x = coil index, y = signed current in A.
 PULSE_TOPICS = (TRUTH + "fired_pulses", TRUTH + "drive_pulses")
 ODOMETRY = TRUTH + "odometry"
-#: Types that say something of a rig's motion; topics of these that are not read are named.
-_TELLING = {
-    *TYPES.values(),
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "geometry_msgs/msg/AccelStamped",
-}
+#: Packages whose messages are about the recording, not about the rig.
+_ABOUT_ROS = (
+    "rosgraph_msgs rcl_interfaces rosbag2_interfaces statistics_msgs lifecycle_msgs diagnostic_msgs visualization_msgs"
+    " tf2_msgs bond"
+).split()
 #: What the package's nodes publish beside a rig's sensors: known, so not named where it is not read.
-_OURS = ("pose", "twist", "odometry", "imu", *GAPS, "fired_pulses", "drive_pulses", "residual/pose", "residual/twist")
+_OURS = (
+    *("pose", "twist", "odometry", "imu", *GAPS, "fired_pulses", "drive_pulses", "residual/pose", "residual/twist"),
+    *("missing_force", "missing_force_sigma"),
+)
+_OUR_FOLDERS = ("wrench/", "lockstep/")
 
 
 def read_bag(
@@ -87,11 +90,11 @@ def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity:
         _rotate_to_track(imu, pose, gravity)
     given = {key: stream for key, stream in streams.items() if key != "pulses"}
     stamps = pose.stamps
-    for stream in given.values():
+    for key, stream in given.items():
         if stream.stamps[0] > pose.stamps[-1] or stream.stamps[-1] < pose.stamps[0]:
             raise InputError(
                 f"{path}: topic {stream.topic} is stamped at other times than {pose.topic}; "
-                "stamp both with one clock (use_sim_time?)"
+                f"stamp both with one clock (use_sim_time?), or leave it out with topics: {{{key}: null}}"
             )
         if not np.array_equal(stamps, stream.stamps):
             stamps = np.union1d(stamps, stream.stamps)
@@ -126,6 +129,8 @@ def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity:
 
 def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, Topic]) -> dict[str, str]:
     """Topic to read for each key, those that are in the bag."""
+    if not present:
+        raise InputError(f"{path}: an empty bag, it has no topics; record it again")
     if "pose" in topics and topics["pose"] is None:
         raise InputError(f"{path}: a run needs its pose; {_set('pose')}")
     prefix, pulses = _beside_the_pose(topics, present)
@@ -146,7 +151,8 @@ def _choose(path: Path, topics: Mapping[str, str | None], present: Mapping[str, 
             if asked is None and prefix not in (MEASURED, TRUTH):
                 continue  # beside a pose of somebody else's: named among what is left out
             raise InputError(
-                f"{path}: topic {found} is {present[found].msgtype}, but {key} must be {msgtype}; {_set(key)}"
+                f"{path}: topic {found} is {present[found].msgtype}, but {key} must be {msgtype}; {_set(key, present)}"
+                + ("" if key == "pose" else f", or leave it out with topics: {{{key}: null}}")
             )
         wanted[key] = found
     return wanted
@@ -171,13 +177,18 @@ def _beside_the_pose(topics: Mapping[str, str | None], present: Mapping[str, Top
 def _left_out(
     topics: Mapping[str, str | None], wanted: Mapping[str, str], present: Mapping[str, Topic], inputs: Mapping[str, str]
 ) -> list[str]:
-    """A word about sensors' topics that are in the bag and not read."""
-    prefix = wanted["pose"].rpartition("/")[0]
-    known = {f"{prefix.removesuffix('/measured')}/{name}" for name in _OURS} if prefix.endswith("/measured") else set()
-    known |= {f"{prefix}/{name}" for name in (*_OURS, *topics) if topics.get(name, "") is None}
-    known |= {ODOMETRY, *PULSE_TOPICS} | {f"{prefix}/{name}" for name in ("odometry", "fired_pulses", "drive_pulses")}
-    read = {*wanted.values(), *known, *(where.rsplit(":", 1)[0] for where in inputs.values())}
-    left = sorted(t.name for t in present.values() if t.msgtype in _TELLING and t.count and t.name not in read)
+    """A word about topics that are in the bag, may say something of the rig, and are not read."""
+    beside, _, own = wanted["pose"].rpartition("/")
+    root = beside.removesuffix("/measured") if own == "pose" else TRUTH.rstrip("/")
+    asked_off = {f"{beside}/{key}" for key, topic in topics.items() if topic is None}
+    read = {*wanted.values(), *asked_off, *(where.rsplit(":", 1)[0] for where in inputs.values())}
+
+    def is_known(topic: Topic) -> bool:
+        name = topic.name.removeprefix(f"{root}/")
+        ours = name in _OURS or name.startswith(_OUR_FOLDERS)
+        return ours and (root != beside or name not in TYPES) or topic.msgtype.partition("/")[0] in _ABOUT_ROS
+
+    left = sorted(t.name for t in present.values() if t.count and t.name not in read and not is_known(t))
     if not left:
         return []
     more = f" and {len(left) - 6} more" if len(left) > 6 else ""
@@ -190,12 +201,14 @@ def _absolute(topic: str) -> str:
 
 def _held(present: Mapping[str, Topic]) -> str:
     named = [f"{name} ({topic.msgtype})" for name, topic in sorted(present.items())]
-    return (", ".join(named[:12]) + (f" and {len(named) - 12} more" if len(named) > 12 else "")) or "no topics at all"
+    return ", ".join(named[:12]) + (f" and {len(named) - 12} more" if len(named) > 12 else "")
 
 
 def _set(key: str, present: Mapping[str, Topic] | None = None) -> str:
-    """The line that names a topic, with the only one that it can be where there is one."""
+    """What to do for a topic: the line that names it, with the only one that it can be where there is one."""
     fit = [t.name for t in (present or {}).values() if t.msgtype == TYPES[key] and t.count]
+    if present is not None and not fit:
+        return f"none is a {TYPES[key]} with messages: republish what you have as one"
     better = [name for name in fit if "/measured/" in name] or fit
     return f"set topics: {{{key}: {better[0] if len(better) == 1 else '...'}}} in campaign.yaml"
 
@@ -207,7 +220,9 @@ def _read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict
     """The topics (by key) in one pass over the bag; those without messages are left out."""
     for key in wanted.keys() & {"pose"}:
         if not bag.topics[wanted[key]].count:
-            raise InputError(f"{bag.path}: topic {wanted[key]}: no messages; record it again or {_set(key)}")
+            raise InputError(
+                f"{bag.path}: topic {wanted[key]}: no messages; record it again or {_set(key, bag.topics)}"
+            )
     return read_streams(bag, {key: topic for key, topic in wanted.items() if bag.topics[topic].count}, notes)
 
 

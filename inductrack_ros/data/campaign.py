@@ -18,7 +18,7 @@ from ..core.model import Model
 from ..core.parameters import PARAMETERS
 from ..core.state import CHANNELS, STATES
 from ..core.yaml_files import Lines, read_yaml
-from .bag_files import is_bag, unpacked_name
+from .bag_storage import is_bag, unpacked_name
 from .bags import read_bag
 from .campaign_keys import (
     FREE,

@@ -10,30 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import InputError
+from .file_kinds import kind_of
 
-#: What a file is that begins so, and what to do with it.
-OTHERS = (
-    (b"PK\x03\x04", "a workbook or an archive; save the sheet as CSV"),
-    (b"\xd0\xcf\x11\xe0", "an Excel workbook; save the sheet as CSV"),
-    (b"\x1f\x8b", "compressed; unpack it with `gunzip`"),
-    (b"BZh", "compressed; unpack it with `bunzip2`"),
-    (b"\xfd7zXZ", "compressed; unpack it with `unxz`"),
-    (b"\x28\xb5\x2f\xfd", "compressed; unpack it with `zstd -d`"),
-    (b"\x89HDF", "an HDF5 or MATLAB file; export it as CSV"),
-    (b"MATLAB", "a MATLAB file; export it as CSV, e.g. with writetable"),
-    (b"PAR1", "a Parquet file; export it as CSV"),
-    (b"TDSm", "a LabVIEW TDMS file; export it as CSV"),
-    (b"MDF ", "an MDF file; export it as CSV"),
-    (b"version https://git-lfs", "a pointer of Git LFS; fetch the file itself with `git lfs pull`"),
-    (b"ULog", "a PX4 log; export it with `ulog2csv`"),
-    (b"\x93NUMPY", "an array of numpy; write it with numpy.savetxt and name the columns in its header"),
-    (b"ARROW1", "an Arrow file; export it as CSV"),
-    (b"%PDF-", "a PDF; export the table as CSV"),
-    (b"{\\rtf", "rich text; save it as plain text"),
-    (b"<", "a page of HTML or XML; export the table as CSV"),
-    (b"{", "JSON; export it as CSV"),
-    (b"[{", "JSON; export it as CSV"),
-)
 #: Characters that text does not hold, but for NUL, which a recording that was cut off may end in.
 _BINARY = re.compile(rb"[\x01-\x08\x0e-\x19\x1c-\x1f\x7f]")
 #: What is no part of a table (a byte-order mark, also where files were joined), and blanks and a minus as typesetters
@@ -72,10 +50,8 @@ def read_text(file: Path, notes: list[str]) -> bytes:
         data = file.read_bytes()
     except (OSError, ValueError) as error:
         raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    start = data[:HEAD].lstrip()
-    for head, what in OTHERS:
-        if data.startswith(head) or start.startswith(head):
-            raise InputError(f"{file}: is no CSV but {what}")
+    if what := kind_of(data[:HEAD]):
+        raise InputError(f"{file}: is no CSV but {what}")
     data = _utf8(file, data, notes)
     if len(_BINARY.findall(data[:HEAD])) > 2 or b"\0" in data and b"\n" not in data.rstrip(b"\0"):
         raise InputError(f"{file}: is no CSV but a binary file; export the table as CSV with the program that wrote it")

@@ -15,12 +15,15 @@ from rclpy.utilities import remove_ros_args
 
 from ..core.errors import InputError
 from ..data.bag_files import open_bag
+from ..data.distributions import migration
 from .messages import message_class
 from .qos import profile
 from .runtime import every, run
 
 LOOK = 1e-3  # s between looks whether a message is due
 AT_ONCE = 500  # messages published between looks at Ctrl-C
+ENCAPSULATION = 4  # bytes before a message's own
+PAUSE = 5.0  # s without a message that are worth a word
 
 
 class Player(Node):
@@ -31,6 +34,7 @@ class Player(Node):
         self._options = options
         self.finished = False
         self._open = ExitStack()
+        self._damaged = 0
         self._bag = self._open.enter_context(open_bag(Path(options.bag)))
         try:
             self._publishers_by_topic = self._advertise()
@@ -42,8 +46,10 @@ class Player(Node):
         for note in self._bag.notes:
             self.get_logger().warning(note)
         if self._next is None:
-            raise InputError(f"{options.bag}: no messages on the topics asked for")
+            asked = " on the topics asked for" if options.topics else ""
+            raise InputError(f"{options.bag}: no messages{asked} that can be played")
         self._zero, self._begin = self._next[0], None
+        self._paused = False  # whether the pause before the next message was told
         self.sent = 0
         self._announce = time.monotonic() + 1.0
         every(self, LOOK, self._look)
@@ -62,12 +68,20 @@ class Player(Node):
             except (ImportError, AttributeError, ValueError):
                 self.get_logger().warning(f"{topic} is not played: {recorded.msgtype} is not installed")
                 continue
-            publishers[topic] = self.create_publisher(kind, topic, profile(not recorded.lossy))
+            publishers[topic] = self.create_publisher(
+                kind, topic, profile(not recorded.lossy, latched=recorded.latched)
+            )
         return publishers
 
     def _recorded(self) -> Iterator[tuple[int, str, bytes]]:
-        """Log time (ns), topic and bytes of each message, in order."""
-        return ((time, topic, data) for topic, time, data in self._bag.messages(self._publishers_by_topic))
+        """Log time (ns), topic and bytes of each message, in order, in the form of this distribution."""
+        migrations = {topic: migration(self._bag.topics[topic].msgtype) for topic in self._publishers_by_topic}
+        for topic, at, data in self._bag.messages(self._publishers_by_topic):
+            migrated = migrations[topic](data) if migrations[topic] else bytes(data)
+            if migrated and len(migrated) > ENCAPSULATION:
+                yield at, topic, migrated
+            else:
+                self._damaged += 1
 
     def _look(self) -> None:
         if self._begin is None:
@@ -79,11 +93,18 @@ class Player(Node):
                 self.finished = all(p.wait_for_all_acked() for p in self._publishers_by_topic.values())
                 return
             if self._next[0] > due:
+                self._tell_of_a_pause((self._next[0] - due) / self._options.rate / 1e9)
                 return
             _, topic, data = self._next
-            self._publishers_by_topic[topic].publish(bytes(data))
+            self._publishers_by_topic[topic].publish(data)
+            self._paused = False
             self.sent += 1
             self._next = next(self._messages, None)
+
+    def _tell_of_a_pause(self, seconds: float) -> None:
+        if seconds > PAUSE and not self._paused:
+            self._paused = True
+            self.get_logger().info(f"nothing was recorded for the next {seconds:.0f} s; --rate shortens that")
 
     def _wait_for_a_listener(self) -> None:
         heard = max(p.get_subscription_count() for p in self._publishers_by_topic.values()) >= self._options.listeners
@@ -98,12 +119,13 @@ class Player(Node):
 
     def close(self) -> None:
         self._open.close()
-        print(f"{self.sent} messages played")
+        damaged = f"; {self._damaged} that are damaged were left out" if self._damaged else ""
+        print(f"{self.sent} messages played{damaged}")
 
 
 def parse(args: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="play", description=__doc__)
-    parser.add_argument("bag", help="folder of the bag")
+    parser.add_argument("bag", help="folder of the bag, or one of its files")
     parser.add_argument("-r", "--rate", type=_positive, default=1.0, help="recorded seconds to a second")
     parser.add_argument(
         "-d",
