@@ -51,6 +51,7 @@ lint: $(READY)
 	@$(BIN)/ruff check --quiet
 	@$(BIN)/ruff format --quiet --check
 	@$(BIN)/lint-imports --no-logo
+	@$(BIN)/pyright --pythonpath $(BIN)/python
 
 # The tables of docs/effects.md and docs/interfaces.md, from the code.
 tables: $(READY)

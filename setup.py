@@ -63,6 +63,7 @@ setup(
             "hypothesis",
             "import-linter",
             "ruff>=0.15,<0.16",
+            "pyright[nodejs]==1.1.414",  # with a node of its own; another version finds other things
             "colcon-common-extensions",
             "dask[distributed]",
         ],

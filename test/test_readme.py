@@ -219,10 +219,11 @@ def test_the_effects_of_the_recipes_work(tmp_path):
     sources = [textwrap.dedent(block) for block in blocks if "@effect" in block]
     files = [tmp_path / f"effect_{i}.py" for i in range(len(sources))]
     for file, source in zip(files, sources, strict=True):
-        file.write_text(source.replace("from . import", "from inductrack_ros.core.effects import"))
+        source = source.replace("from . import", "from inductrack_ros.core.effects import")
+        file.write_text(source.replace("drive_lag", "recipe_lag"))  # whoever follows the recipe has one of that name
     model = Model.create(
         {"contact_stiffness": 1e3},
-        {"drive_lag": {"time_constant": 0.05}, "hertz_contact": {"stiffness": 1e9}},
+        {"recipe_lag": {"time_constant": 0.05}, "hertz_contact": {"stiffness": 1e9}},
         effect_files=files,
     )
     state = model.with_effect_states([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])

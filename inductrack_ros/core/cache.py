@@ -8,8 +8,10 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numba
+from numba.core import config
 
 from .errors import InputError
 
@@ -47,9 +49,10 @@ def compiled_once(function: Callable) -> Callable:
     try:
         return numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:  # numba finds no place of its own
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(cache_folder() / "numba")
+        settings: Any = config  # numba makes its settings at run time
+        before = settings.CACHE_DIR
+        settings.CACHE_DIR = str(cache_folder() / "numba")
         try:
             return numba.njit(cache=True, nogil=True)(function)
         finally:
-            numba.config.CACHE_DIR = before
+            settings.CACHE_DIR = before

@@ -20,9 +20,11 @@ import time
 import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
+from numba.core.errors import NumbaError
 
 from . import effects as effects_package
 from .cache import cache_folder
@@ -67,6 +69,7 @@ def load(
         prune(folder.parent)
     name = f"inductrack_kernel_{key}"
     spec = importlib.util.spec_from_file_location(name, path)
+    assert spec and spec.loader  # a path that ends in .py has both
     module = importlib.util.module_from_spec(spec)
     done: dict[int, Callable] = {}
     for i, item in enumerate(items):
@@ -83,7 +86,7 @@ def load(
             announce("compiling the model, once for this set of effects: 15 s to a minute …")
     try:
         warm_up(module)
-    except numba.core.errors.NumbaError as error:
+    except NumbaError as error:
         names = ", ".join(e.name for e in items)
         raise InputError(f"the effects {names} do not compile together: {_reason(error)}") from error
     except Exception:
@@ -95,7 +98,7 @@ def load(
     return module
 
 
-def _plain(value: object) -> object:
+def _plain(value: Any) -> Any:
     """The Python function behind an effect or a jitted function; anything else as it is."""
     value = value.function if isinstance(value, Effect) else value
     return getattr(value, "py_func", value)
@@ -116,7 +119,7 @@ def _jit(function: Callable, home: str, done: dict[int, Callable]) -> Callable:
     copy = types.FunctionType(plain.__code__, names, plain.__name__, plain.__defaults__, tuple(cells))
     done[id(function)] = compiled = numba.jit(**options)(copy)
 
-    def helper(value: object) -> object:
+    def helper(value: Any) -> Any:
         return _jit(value, home, done) if isinstance(_plain(value), types.FunctionType) else value
 
     for name in _names_in(plain.__code__) & set(names):
@@ -149,7 +152,7 @@ def fingerprint(function: Callable, seen: set[int]) -> str:
             for module in modules:  # helper.rate, say; of numpy and math the version counts, see `build`
                 describe(f"{module.__name__}.{name}", getattr(module, name, None))
 
-    def describe(name: str, value: object) -> None:
+    def describe(name: str, value: Any) -> None:
         if isinstance(value, np.ndarray):
             parts.append(f"{name}={value.dtype}{value.shape}{value.tobytes().hex()}")
         elif isinstance(_plain(value), types.FunctionType):
@@ -213,11 +216,12 @@ def _check_alone(item: Effect, number: int, function: Callable, flags: Sequence[
         raise InputError(
             f"{place_of(item)} cannot be compiled: {_reason(error)}; use numbers, math functions and if"
         ) from error
-    returned = function.overloads[signature].signature.return_type
-    given = list(returned) if isinstance(returned, numba.types.BaseTuple) else [returned]
+    returned: Any = function.overloads[signature].signature.return_type
+    kinds: Any = numba.types  # whose annotations say nothing of what these types hold
+    given = list(returned) if isinstance(returned, kinds.BaseTuple) else [returned]
     wanted = [*part.targets, *(f"rate of {s}" for s in item.states if last)]
-    numbers = (numba.types.Float, numba.types.Integer, numba.types.Boolean)
-    if isinstance(returned, numba.types.NoneType | numba.types.Optional):
+    numbers = (kinds.Float, kinds.Integer, kinds.Boolean)
+    if isinstance(returned, kinds.NoneType | kinds.Optional):
         problem = "does not always return a value"
     elif len(given) != len(wanted) or (len(wanted) == 1 and given[0] is not returned):
         problem = f"returns {len(given)} values"

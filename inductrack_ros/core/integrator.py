@@ -19,6 +19,7 @@ array, so work space comes from the entry point. ``PADDED`` is N_STATES rounded 
 """
 
 # ruff: noqa: F821
+# pyright: reportUndefinedVariable=false
 import math
 
 import numpy as np

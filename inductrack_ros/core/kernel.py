@@ -161,7 +161,9 @@ def _calls(effects: list[Effect]) -> list[_Call]:
     return calls
 
 
-_BODY = ast.parse(inspect.getsource(equations.equations)).body[0].body[1:-1]
+_EQUATIONS = ast.parse(inspect.getsource(equations.equations)).body[0]
+assert isinstance(_EQUATIONS, ast.FunctionDef)
+_BODY = _EQUATIONS.body[1:-1]  # without docstring and return
 _QUANTITY_NAMES = set().union(*map(_assigned, _BODY))
 #: What a state may start on besides a number.
 STARTS = sorted({"zero", "time", "travel", *STATES, *PARAMETERS, *_QUANTITY_NAMES})

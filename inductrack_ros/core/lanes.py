@@ -11,6 +11,7 @@ A run that comes near the track, stands or turns is given back as it was at the 
 where `integrate` begins: so the result is the same."""
 
 # ruff: noqa: F821
+# pyright: reportUndefinedVariable=false
 import math
 
 import numpy as np

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -22,8 +23,8 @@ from .effects import Effect, load_effects, split_name
 from .errors import InputError, did_you_mean
 from .options import COIL_OPTIONS, DRIVES, MODEL_OPTIONS, TRACKS, is_of_the_node
 from .parameter_files import blocks_for, merged, shared_names
-from .parameters import PARAMETERS, check_parameters
-from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES, as_dof
+from .parameters import PARAMETERS, Values, check_parameters
+from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES, Dof, as_dof
 from .uncertainty import Uncertainty
 
 _NONE = np.empty(0)
@@ -83,8 +84,8 @@ class Model:
     nothing else; a state then goes on with the coils' currents behind those of effects."""
 
     parameters: Mapping[str, float]
-    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    dof: int | tuple[str, ...] = 4
+    effects: Mapping[str, Values] = field(default_factory=dict)
+    dof: Dof = 4
     drive: str = "averaged"
     effect_files: tuple[str, ...] = ()
     conditions: Mapping[str, float] = field(default_factory=dict)
@@ -118,7 +119,7 @@ class Model:
         files = tuple(os.path.abspath(os.path.expanduser(f)) for f in effect_files)  # a saved model may go elsewhere
         known = load_effects(files)
         given = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
-        checked: dict[str, dict[str, float]] = {}
+        checked: dict[str, Values] = {}
         for name, values in given.items():
             item, _ = split_name(name, known, CHANNELS, where)
             for parameter in values:
@@ -175,7 +176,7 @@ class Model:
     @classmethod
     def from_mapping(
         cls,
-        values: Mapping[str, object],
+        values: Mapping[str, Any],
         where: str = "",
         extra_files: Iterable[str | Path] = (),
         folder: Path | None = None,
@@ -227,24 +228,15 @@ class Model:
         return cls.create(base, effects, dof, drive, files, where, conditions, track, coil_options)
 
     def with_changes(
-        self,
-        parameters: Mapping[str, float] | None = None,
-        effects: Mapping[str, Mapping[str, float]] | None = None,
-        **others: object,
+        self, parameters: Mapping[str, float] | None = None, effects: Mapping[str, Values] | None = None, **others: Any
     ) -> Model:
         """A copy with some ``parameters`` changed, and ``effects`` (all of them) replaced where given."""
+        names = ("dof", "drive", "effect_files", "conditions", "track", "coil_options")
+        kept: dict[str, Any] = {n: getattr(self, n) for n in names}
         return Model.create(
             {**self.parameters, **(parameters or {})},
             self.effects if effects is None else effects,
-            **{
-                "dof": self.dof,
-                "drive": self.drive,
-                "effect_files": self.effect_files,
-                "conditions": self.conditions,
-                "track": self.track,
-                "coil_options": self.coil_options,
-                **others,
-            },
+            **{**kept, **others},
         )
 
     def to_mapping(self) -> dict[str, object]:
@@ -266,7 +258,7 @@ class Model:
         """Write a ROS 2 parameter file, whole or not at all; with ``uncertainty`` it says how well its parameters are
         known."""
         flat = self.to_mapping()
-        nested: dict[str, object] = {}
+        nested: dict[str, Any] = {}
         for key, value in flat.items():
             effect_name, dot, parameter = key.rpartition(".")
             if dot:
@@ -397,7 +389,7 @@ class Model:
         full[:8] = np.asarray(x, float)[:8]
         if len(full) > 8:
             without = self.switches & ~self._those_on(lambda item: bool(item.states))
-            origin = full[0] if origin is None else origin
+            origin = float(full[0]) if origin is None else origin
             dx, _ = self._evaluate(time, full, self.vector if P is None else P, without, pulses, origin, starts=True)
             full[8:] = dx[len(full) :]
         return full
@@ -451,7 +443,9 @@ class Model:
             )
         for _ in range(6):
             if force(high) < 0:
-                return brentq(force, low, high, xtol=1e-15 if self.coils is None else 1e-11, rtol=1e-14)
+                finest = 1e-15 if self.coils is None else 1e-11
+                found: Any = brentq(force, low, high, xtol=finest, rtol=np.float64(1e-14))
+                return float(found)
             high *= 2
         raise InputError(f"the lift exceeds the weight at any gap at {speed:g} m/s; give heave in the initial state")
 
@@ -628,7 +622,7 @@ _TOTAL = [kernels.QUANTITIES.index(n) for n in ("force_surge", "force_sway", "fo
 _DRIVE_CURRENT = list(PARAMETERS).index("drive_current")
 
 
-def _arrays_wrench(g: Mapping[str, float], kind: str) -> np.ndarray:
+def _arrays_wrench(g: Mapping[Any, float], kind: str) -> np.ndarray:
     """Sum of one kind of force over the three arrays, (37) and the moment of (40)."""
     c = np.sqrt(0.5)
     top, right, left = (g[f"{kind}_{side}"] for side in ("top", "right", "left"))
@@ -640,7 +634,7 @@ def _arrays_wrench(g: Mapping[str, float], kind: str) -> np.ndarray:
     return np.array([0.0, c * (left - right), top - c * (right + left), moment])
 
 
-def _check_conditions(given: Mapping[str, object], known: Mapping[str, Effect], place: str) -> dict[str, float]:
+def _check_conditions(given: Mapping[str, Any], known: Mapping[str, Effect], place: str) -> dict[str, float]:
     """The conditions as numbers. Raises `InputError` for one that no effect asks for, and for what is no number."""
     asked = {c for item in known.values() for c in item.conditions if c not in PARAMETERS}
     for name, value in given.items():

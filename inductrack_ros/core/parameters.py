@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -23,6 +24,9 @@ _FROM_FIT = {
     "1/x^2": lambda u: 1.0 / math.sqrt(u) if u > 0 else math.inf,
     "x^2": lambda u: math.sqrt(u) if u > 0 else 0.0,
 }
+
+#: Values of an effect's parameters by name: a float each, a tuple of floats for a table.
+Values: TypeAlias = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -66,10 +70,11 @@ class Parameter:
             if not 1 <= len(entries) <= self.count:
                 place = f"{where}: " if where else ""
                 raise InputError(f"{place}{name} holds {len(entries)} numbers; give 1 to {self.count}")
-            return tuple(self._check_one(f"{name}[{i}]", entry, where) for i, entry in enumerate(entries))
-        return self._check_one(name, value, where)
+            return tuple(self.check_one(f"{name}[{i}]", entry, where) for i, entry in enumerate(entries))
+        return self.check_one(name, value, where)
 
-    def _check_one(self, name: str, value: object, where: str) -> float:
+    def check_one(self, name: str, value: object, where: str = "") -> float:
+        """Return one number as a float, or raise `InputError` naming the parameter and its range."""
         place = f"{where}: " if where else ""
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             raise InputError(f"{place}{name} = {value!r:.60} is not a number; give one in {self.range_text()}")
@@ -174,4 +179,4 @@ def check_parameters(values: Mapping[str, object], where: str = "") -> dict[str,
     for name in values:
         if name not in PARAMETERS:
             raise InputError(f"{place}unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
-    return {n: p.check(n, values.get(n, p.default), where) for n, p in PARAMETERS.items()}
+    return {n: p.check_one(n, values.get(n, p.default), where) for n, p in PARAMETERS.items()}

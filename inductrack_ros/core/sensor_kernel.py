@@ -121,7 +121,7 @@ def _start(i: int, item: Effect) -> list[str]:
         if quantity not in STARTS and quantity not in INDEX:
             raise InputError(
                 f"{place_of(item)}: the state '{name}' starts on '{quantity}', which is not"
-                f" there{did_you_mean(quantity, [*STARTS, *INDEX])}"
+                f" there{did_you_mean(str(quantity), [*STARTS, *INDEX])}"
             )
         lines.append(f"x[b + {j}] = {STARTS.get(quantity) or f'row[{INDEX[quantity]}]'}")
     return lines

@@ -11,6 +11,7 @@ parabola between two points of the grid; so a time constant of nanoseconds takes
 """
 
 # ruff: noqa: F821
+# pyright: reportUndefinedVariable=false
 import math
 
 import numpy as np

@@ -16,6 +16,7 @@ import numpy as np
 from . import sensor_kernel, sensor_loop
 from .effects import Effect
 from .model import Model, _announce
+from .parameters import Values
 from .state import INDEX, OUTPUTS
 
 #: A reading may ask for the truth so far (s) outside of a run, where it is extrapolated: for derivatives at its ends.
@@ -33,7 +34,7 @@ class Fault:
     name: str
     effect: Effect
     channel: str
-    values: Mapping[str, float | tuple[float, ...]]
+    values: Values
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ class Sensors:
     def _plans(self) -> dict[str, _Plan]:
         """What is done to each of `channels`, as `sensor_loop` takes it."""
         numbers = {name: i for i, name in enumerate(self.known)}
-        places = np.cumsum([0, *map(_size, self.faults)])
+        places = np.cumsum([0, *map(_size, self.faults)]).tolist()
         return {c: _plan(c, self.faults, numbers, places) for c in self.channels}
 
 

@@ -8,6 +8,7 @@ heave the lift (paper y, up), roll the angle about the travel. SI and radians.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 COORDINATES = ("surge", "sway", "heave", "roll")
 RATES = tuple(f"{c}_rate" for c in COORDINATES)
@@ -86,11 +87,15 @@ INSTRUMENTS: dict[str, Instrument] = {
 }
 
 
+#: What moves: a number of degrees of freedom, or names of coordinates.
+Dof: TypeAlias = int | tuple[str, ...]
+
+
 #: Coordinates that move for each number of degrees of freedom; the others are held (1: the speed is held too).
-class _Moving(dict[int | tuple[str, ...], tuple[str, ...]]):
+class _Moving(dict[Dof, tuple[str, ...]]):
     """By number of degrees of freedom, or by the names themselves."""
 
-    def __missing__(self, names: int | tuple[str, ...]) -> tuple[str, ...]:
+    def __missing__(self, names: Dof) -> tuple[str, ...]:
         if not isinstance(names, tuple):
             raise KeyError(names)
         return names
@@ -99,7 +104,7 @@ class _Moving(dict[int | tuple[str, ...], tuple[str, ...]]):
 MOVING = _Moving({1: ("heave",), 2: ("surge", "heave"), 4: COORDINATES})
 
 
-def as_dof(value: object) -> int | tuple[str, ...] | None:
+def as_dof(value: object) -> Dof | None:
     """What moves as `Model.dof` has it: 1, 2, 4 or names in canonical order; None for anything else.
 
     ``value``: 1, 2, 4 or a list of different coordinates; a list that is one of those numbers becomes it.

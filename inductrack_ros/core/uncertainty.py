@@ -67,8 +67,11 @@ class Uncertainty:
             or len(set(names)) < len(names)
         ):
             raise InputError(f"{place}: parameters must be a list of different names")
-        numbers = isinstance(flat, list) and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in flat)
-        if not numbers or len(flat) != len(names) ** 2:
+        if (
+            not isinstance(flat, list)
+            or any(not isinstance(v, (int, float)) or isinstance(v, bool) for v in flat)
+            or len(flat) != len(names) ** 2
+        ):
             raise InputError(
                 f"{place}: covariance must list {len(names)} × {len(names)} numbers, row after row, for its"
                 f" {len(names)} parameters"

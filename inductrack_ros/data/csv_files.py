@@ -209,7 +209,7 @@ class _Table:
         separator = "\t" if self.layout.separator == " " else self.layout.separator
         wanted = sorted(c.place for c in self.layout.columns)
         kinds = {place: kinds.get(place, float) for place in wanted}
-        exact = {} if int(pd.__version__.partition(".")[0]) >= 3 else {"float_precision": "round_trip"}
+        exact: dict[str, Any] = {} if int(pd.__version__.partition(".")[0]) >= 3 else {"float_precision": "round_trip"}
         decimal = "." if separator == "," else self.layout.decimal
         try:
             with warnings.catch_warnings():

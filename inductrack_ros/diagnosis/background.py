@@ -56,7 +56,7 @@ def noise_of_rounding(hints: Sequence[Finding]) -> dict[str, float]:
     Rounding errors of neighbouring readings are alike where the coordinate moves by nearly a whole number of steps
     between them, so several tell little more than one. A likelihood of intervals in place of a Gaussian would make this
     needless."""
-    return {h.channel: float(np.sqrt(ALIKE / 12.0) * h.size["step"]) for h in hints if h.kind == ROUNDED}
+    return {h.channel: float(np.sqrt(ALIKE / 12.0) * h.size["step"]) for h in hints if h.kind == ROUNDED and h.channel}
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def families(
     spacing = float(np.median(np.concatenate([np.diff(np.unique(d.time)) for d in problem.runs])))
     memory = {h.channel: h.size["correlation_time"] for h in hints if h.kind == COLOURED}
     hums = {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
-    rounded = {h.channel for h in hints if h.kind == ROUNDED}
+    rounded = {h.channel for h in hints if h.kind == ROUNDED and h.channel}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
     whitened = settle(problem, f.structure, plain, f.point, 1).evidence.whitened
     suspects = remembering(problem, whitened) | set(memory)

@@ -42,7 +42,7 @@ def propose(
     at_once: Callable[[Callable, Sequence], list],
     chosen: Fit,
     rivals: Mapping[str, Fit],
-    twins: Mapping[str, Sequence[str]],
+    twins: Mapping[str, tuple[str, ...]],
     unknown: Unknown | None,
     undetermined: Sequence[str],
 ) -> tuple[str | None, Proposal | None]:
@@ -54,10 +54,12 @@ def propose(
         return (None if unknown is None else _look_closer(unknown)), None
 
     def tried(run: tuple) -> Proposal | None:
-        *shape, contact = run
-        if (made := _made(problem, chosen.model, *shape, contact)) is None:
+        speed, current, offsets, duration, contact = run
+        if (made := _made(problem, chosen.model, speed, current, offsets, duration, contact)) is None:
             return None
-        return Proposal(*shape, {n: _separation(*made, f, undetermined) for n, f in rivals.items()})
+        return Proposal(
+            speed, current, offsets, duration, {n: _separation(*made, f, undetermined) for n, f in rivals.items()}
+        )
 
     best, most = None, 0.0
     limits = problem.limits

@@ -15,9 +15,14 @@ class Fitted(Protocol):
     """What a fit of any kind has: its structure, theta (g,) and theta's covariance (g, g), and its parameters'
     deviations by name."""
 
-    structure: Structure
-    theta: np.ndarray
-    covariance: np.ndarray
+    @property
+    def structure(self) -> Structure: ...
+
+    @property
+    def theta(self) -> np.ndarray: ...
+
+    @property
+    def covariance(self) -> np.ndarray: ...
 
     @property
     def deviations(self) -> dict[str, float]: ...
@@ -34,7 +39,7 @@ def uncertainty_of(fit: Fitted) -> Uncertainty:
     std = np.array([fit.deviations[n] for n in structure.free])
     held = [k in structure.held for k in range(len(theta))]
     known = np.flatnonzero(np.isfinite(std) & (of_theta > 0) & ~np.array(held, bool))
-    signs = np.array([_sign(structure, theta, k, of_theta[k]) for k in known])
+    signs = np.array([_sign(structure, theta, k, float(of_theta[k])) for k in known.tolist()])
     scale = signs * std[known] / of_theta[known]
     covariance = fit.covariance[np.ix_(known, known)] * np.outer(scale, scale)
     return Uncertainty(tuple(structure.free[k] for k in known), 0.5 * (covariance + covariance.T))

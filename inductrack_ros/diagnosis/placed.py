@@ -52,7 +52,7 @@ def is_placed(item: Effect) -> bool:
 
 def tried(item: Effect, ranges: Mapping[str, tuple[float, float]]) -> Tried:
     """What to ask of an effect whose runs cover these ranges."""
-    starts = tuple(item.starts(ranges))
+    starts = tuple(item.starts(ranges)) if item.starts else ()
     rows = []
     for k, start in enumerate(starts):
         rest = [p for p in item.parameters if p not in start]

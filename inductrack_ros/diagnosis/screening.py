@@ -143,10 +143,11 @@ def _of_readings(problem: Problem, known: Mapping[str, Effect], name: str) -> Ma
     """Where the parameters of an effect of a sensor start as its readings say; empty where it is asked for while it
     vanishes."""
     base, _, channel = name.partition(":")
-    if not channel or not known[base].starts:
+    starts = known[base].starts
+    if not channel or not starts:
         return {}
     mine = problem.channels.index(channel)
-    return known[base].starts(np.concatenate([d.y[d.channel == mine] for d in problem.runs]))[0]
+    return starts(np.concatenate([d.y[d.channel == mine] for d in problem.runs]))[0]
 
 
 def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[CandidateSet, ...]:
@@ -296,15 +297,15 @@ def _blocks(
         return nuisance.T @ nuisance, nuisance.T @ more, own, tally(problem, i, filtered, system)
 
     found = problem.for_runs(one)
-    small, cross = sum(f[0] for f in found), sum(f[1] for f in found)
+    small, cross = (sum((f[part] for f in found), np.zeros(())) for part in (0, 1))
     A, b = small[1:, 1:] + prior, -small[1:, 0] + pull
     inverse = np.linalg.pinv(A, rcond=1e-14, hermitian=True) if g else np.zeros((0, 0))
     step = inverse @ b
-    base = float(small[0, 0] - b @ step) + log_determinant(sum(f[3] for f in found))
+    base = float(small[0, 0] - b @ step) + log_determinant(sum((f[3] for f in found), np.zeros(())))
     gram, score = [], []
     for k, (lo, hi) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
         B = cross[1:, lo:hi]
-        gram.append(sum(f[2][k] for f in found) - B.T @ inverse @ B)
+        gram.append(sum((f[2][k] for f in found), np.zeros(())) - B.T @ inverse @ B)
         score.append(-cross[0, lo:hi] - B.T @ step)
     return gram, score, base
 
@@ -393,7 +394,7 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
         w = run_filter(system, np.where(fit.power > NO_POWER, fit.power, 0.0)).scored(system)
         return w.T @ w
 
-    whole = sum(problem.for_runs(one))
+    whole = sum(problem.for_runs(one), np.zeros(()))
     o, m, scale = 1 + other, 1 + np.array(mine), structure.scale[mine]
     prior = structure.precision[np.ix_(other, other)]
     inverse = np.linalg.pinv(whole[np.ix_(o, o)] + prior, rcond=1e-14, hermitian=True)

@@ -43,12 +43,11 @@ def ensemble(
         )
     if model.drive != "averaged":
         raise InputError("ensemble: only for drive: averaged; simulate runs by pulses one by one")
-    columns = {
-        name: model.kernel.parameters.index(name) for name in parameters or {} if name in model.kernel.parameters
-    }
-    for name, values in (parameters or {}).items():
+    given, known = parameters or {}, model.kernel.parameters
+    columns = {name: known.index(name) for name in given if name in known}
+    for name, values in given.items():
         if name not in columns:
-            raise InputError(f"ensemble: unknown parameter '{name}'{did_you_mean(name, model.kernel.parameters)}")
+            raise InputError(f"ensemble: unknown parameter '{name}'{did_you_mean(name, known)}")
         if np.shape(values) != (len(states),):
             raise InputError(
                 f"ensemble: {name} has shape {np.shape(values)}; give one value for each of the {len(states)} runs"
@@ -60,7 +59,7 @@ def ensemble(
         x = states[rows]
         P = np.tile(model.vector, (len(x), 1))
         for name, column in columns.items():
-            P[:, column] = parameters[name][rows]
+            P[:, column] = given[name][rows]
         full = np.zeros((len(x), len(model.kernel.states)))
         full[:, :8] = x
         if model.carries_states:  # else they stay as they are, and move nothing

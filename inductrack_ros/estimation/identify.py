@@ -97,7 +97,7 @@ class Identification:
     def _residuals(self, u: Array) -> Array:
         self.evaluations += 1
         try:
-            r = self.misfit(u * self.unit)
+            r = self.misfit((u * self.unit).tolist())
         except InputError:  # values at which nothing flies; wrong input shows at the start already
             if self._count is None:
                 raise
@@ -147,10 +147,10 @@ class Identification:
             elif fresh:
                 halvings += 1
             else:
-                jacobian, fresh, last = self._jacobian(u, r, moving), True, math.inf
+                jacobian, fresh, last = self._jacobian(u, r, moving.tolist()), True, math.inf
         return u, float(r @ r)
 
-    def _jacobian(self, u: Array, r: Array, moving: Array) -> Array:
+    def _jacobian(self, u: Array, r: Array, moving: Sequence[int]) -> Array:
         """Derivatives (n, p) of the residuals r at u by forward differences; columns that do not move are zero."""
         jacobian = np.zeros((len(r), len(u)))
         for i in moving:

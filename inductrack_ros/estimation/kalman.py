@@ -147,9 +147,10 @@ def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
 def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoothed:
     """Smoothed deviations at parameters θ (g,) of the columns behind the first."""
     weights = np.concatenate([[1.0], theta])
-    deviations, adjoint = np.empty(filtered.roots.shape[:2]), np.empty(filtered.roots.shape[:2])
+    n, size, _ = filtered.roots.shape
+    deviations, adjoint = np.empty((n, size)), np.empty((n, size))
     found, expected = np.zeros(4), np.zeros(4)
-    of_states, of_readings = np.zeros((2, deviations.shape[1])), np.zeros((2, len(run.variance)))
+    of_states, of_readings = np.zeros((2, size)), np.zeros((2, len(run.variance)))
     _smoother(
         run.first, run.sensitivity, run.variance, run.transitions, run.spacing, run.kicks,
         filtered.innovations @ weights, filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights,

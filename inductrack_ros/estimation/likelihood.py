@@ -73,7 +73,7 @@ def weigh(
     covariance = np.zeros((g, g))
     if free.any():
         covariance[np.ix_(free, free)] = np.linalg.pinv(A[np.ix_(free, free)], rcond=1e-15, hermitian=True)
-    deviance = chi2 + structure.surprise(theta + step) + log_determinant(sum(tallies))
+    deviance = chi2 + structure.surprise(theta + step) + log_determinant(sum(tallies, np.zeros(())))
     return Evidence(deviance, chi2, left, filtered, step, covariance)
 
 
@@ -134,11 +134,12 @@ def settle(
         here = np.concatenate([power, variances(processes)])
         ratio = variance_ratio(problem, processes, smooth, n_states)
         there = likelier(here, ratio, before)
-        new = np.where(moving, np.clip(there[:4], NO_POWER, ROUGHEST), NO_POWER), resized(processes, there[4:])
+        next_power = np.where(moving, np.clip(there[:4], NO_POWER, ROUGHEST), NO_POWER)
+        next_processes = resized(processes, there[4:])
         if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
             break
-        power, processes, before, last = *new, (here, ratio), evidence.deviance
-    return Settled(power, processes, systems, evidence, smooth, *new)
+        power, processes, before, last = next_power, next_processes, (here, ratio), evidence.deviance
+    return Settled(power, processes, systems, evidence, smooth, next_power, next_processes)
 
 
 def variance_ratio(

@@ -70,7 +70,8 @@ class Travels:
         """From numbers or sequences, each spread to the length of ``initial_speed``."""
         n = len(initial_speed)
         columns = (initial_speed, travel, duration, drive_current, std)
-        return cls(*(np.array(np.broadcast_to(np.asarray(c, float), (n,))) for c in columns))
+        speed, distance, time, current, error = (np.array(np.broadcast_to(np.asarray(c, float), (n,))) for c in columns)
+        return cls(speed, distance, time, current, error)
 
 
 def read_travels(file: str | Path, duration: float = DURATION, std: float = math.nan) -> Travels:

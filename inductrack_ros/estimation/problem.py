@@ -20,7 +20,7 @@ from ..core.effects.stand_in import basis
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.model import Pulses as ModelPulses
-from ..core.state import ACCELERATIONS, COORDINATES, INDEX, MOVING, OUTPUTS, RATES, STATES
+from ..core.state import ACCELERATIONS, COORDINATES, INDEX, MOVING, OUTPUTS, RATES, STATES, Dof
 from ..data.campaign import Campaign
 from ..data.measurement import Run
 from .response import STATE_STEPS, VARIABLES, RunResponse
@@ -66,7 +66,7 @@ class RunData:
         return replace(self, grid=grid, **parts)
 
 
-def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunData:
+def lay_out(run: Run, model: Model, channels: Sequence[str], dof: Dof) -> RunData:
     """Prepare one run. Raises `InputError` where the speed cannot be had from anything measured or given."""
     measured = run.measured
     rows = np.flatnonzero(measured.any(axis=1))
@@ -84,7 +84,7 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunDat
     if "surge" not in MOVING[dof] and ("surge" in run.channels or "surge_rate" in run.channels):
         fixed[[0, 4]] = [s in run.initial_state for s in ("surge", "surge_rate")]
     guess = _first_guess(run, model, dof)
-    pulses = (np.empty(0),) * 3
+    pulses = np.empty(0), np.empty(0), np.empty(0)
     averaged = run.pulses is None and model.drive == "averaged"
     if run.pulses is None and not averaged and run.drive_current != 0.0:
         raise InputError(
@@ -93,14 +93,15 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: int) -> RunDat
         )
     if run.pulses is not None:
         p = ModelPulses(run.pulses.times, run.pulses.coils, run.pulses.currents)
-        pulses = tuple(np.ascontiguousarray(a, float) for a in p.arrays(model.parameters["wavelength"]))
+        begun, places, currents = (np.ascontiguousarray(a, float) for a in p.arrays(model.parameters["wavelength"]))
+        pulses = begun, places, currents
     return RunData(
         run, grid, np.searchsorted(grid, times[r]), columns[c], times[r], run.values[r, c], names[c], fixed, guess,
         pulses, averaged,
     )  # fmt: skip
 
 
-def _first_guess(run: Run, model: Model, dof: int) -> np.ndarray:
+def _first_guess(run: Run, model: Model, dof: Dof) -> np.ndarray:
     """Initial state from a parabola through the first samples of each channel; given entries as given."""
     guess = np.zeros(8)
     found = {}
@@ -231,10 +232,9 @@ class Problem:
         self, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray, outputs: np.ndarray | None = None
     ) -> RunResponse:
         """How run i answers to small forces at a point."""
-        if outputs is None:
-            outputs = self.simulate(structure, i, theta[None], state[None])[0]
         P = self.vectors(structure, i, theta[None])[0]
-        return RunResponse(self.runs[i], self.sigma, structure.model, P, outputs, self.dof)
+        known = self.simulate(structure, i, theta[None], state[None])[0] if outputs is None else outputs
+        return RunResponse(self.runs[i], self.sigma, structure.model, P, known, self.dof)
 
     def predict(
         self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray, which: np.ndarray | None = None

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.cache import compiled_once
 from ..core.kernel import QUANTITIES
-from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, STATES
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, STATES, Dof
 
 #: What a missing force may depend on, as `diagnosis.json` names it and in the order of a stand-in's ``variable``.
 VARIABLES = (*STATES, "time", "drive")
@@ -40,7 +40,7 @@ def _propagate(transitions, a, half):
 class RunResponse:
     """One run's response to small forces: ``variables`` (n,) by name on its grid, `respond` for force histories."""
 
-    def __init__(self, data, sigma: np.ndarray, model, P: np.ndarray, outputs: np.ndarray, dof: int):
+    def __init__(self, data, sigma: np.ndarray, model, P: np.ndarray, outputs: np.ndarray, dof: Dof):
         """``data`` a `problem.RunData`, P (p,) the kernel's parameters, ``outputs`` (n, 15) the simulated run."""
         self.data, self.sigma, self.outputs = data, sigma, outputs
         self.grid, self.model, self.P = data.grid, model, P
@@ -120,14 +120,14 @@ def gap_geometry(model) -> np.ndarray:
     return np.array([[0, 0, 1, 0], [0, -c, -c, c * arm], [0, c, -c, -c * arm]])
 
 
-def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: int) -> np.ndarray:
+def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: Dof) -> np.ndarray:
     """Φ_k (n−1, 8, 8): derivative of the state at the next grid point by the state at this one."""
     grid = data.grid
     n_states = len(model.kernel.states)
     free = np.array([s.removesuffix("_rate") in MOVING[dof] for s in STATES])
     moved = np.flatnonzero(free | (np.arange(8) == 0))
     result = np.tile(np.eye(8), (len(grid) - 1, 1, 1))
-    finite = np.isfinite(outputs[:-1, :8]).all(axis=1)
+    finite = np.logical_and.reduce(np.isfinite(outputs[:-1, :8]), axis=1)
     known = int(finite.argmin()) if not finite.all() else len(finite)  # grid points before a run left all bounds
     x = np.zeros((known, n_states))
     x[:, :8] = outputs[:known, :8]

@@ -144,4 +144,5 @@ def _level(problem: Problem, systems: Sequence[LinearRun], power: np.ndarray, ba
         return w.T @ w, tally(problem, i, filtered, systems[i])
 
     found = problem.for_runs(one)
-    return Level(power, background, sum(g for g, _ in found), log_determinant(sum(t for _, t in found)))
+    gram, tallies = (sum((f[part] for f in found), np.zeros(())) for part in (0, 1))
+    return Level(power, background, gram, log_determinant(tallies))

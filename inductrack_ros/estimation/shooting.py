@@ -88,9 +88,10 @@ class Fit:
 
 
 def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | None = None) -> list[LinearRun]:
-    """Every run about a fit's trajectories, without the processes' states."""
-    structure = structure or fit.structure
-    systems = problem.for_runs(lambda i: linearise(problem, structure, i, fit.theta, fit.paths[i]))
+    """Every run about a fit's trajectories, without the processes' states. A point needs a ``structure``."""
+    chosen = fit.structure if structure is None and isinstance(fit, Fit) else structure
+    assert chosen is not None
+    systems = problem.for_runs(lambda i: linearise(problem, chosen, i, fit.theta, fit.paths[i]))
     return [replace(s, touching=np.zeros_like(s.touching)) for s in systems] if fit.exact else systems
 
 
@@ -164,6 +165,7 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
         if idle == IDLE:
             break
         point = new.next
+    assert best is not None  # there is one step at least
     now = best.point
     return Fit(
         structure, now.theta, now.paths, now.power, best.deviance, best.evidence.chi2, best.evidence.covariance,
@@ -214,8 +216,8 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
 
 def _all_shown(moving: np.ndarray, systems: Sequence[LinearRun]) -> bool:
     """Whether some reading shows each coordinate that moves (``moving`` (4,) above 0), or its rate."""
-    seen = np.any([(s.sensitivity != 0.0).any(axis=0) for s in systems], axis=0)
-    return bool((seen[:4] | seen[4:8])[moving > 0.0].all())
+    seen = np.logical_or.reduce([(s.sensitivity != 0.0).any(axis=0) for s in systems])
+    return bool(np.all(np.logical_or(seen[:4], seen[4:8])[moving > 0.0]))
 
 
 def _where_told(system: LinearRun, left: Misses) -> Misses:

@@ -12,7 +12,7 @@ import numpy as np
 from ..core.effects import catalogue, split_name
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
-from ..core.parameters import PARAMETERS, Parameter
+from ..core.parameters import PARAMETERS, Parameter, Values
 from ..core.sensors import Sensors
 from ..core.state import CHANNELS
 
@@ -229,9 +229,7 @@ class Structure:
                 p[:, names.index(name)] = [declared.from_fit(u) for u in thetas[:, k] * s]
         return p
 
-    def plus(
-        self, name: str, values: Mapping[str, object] | None = None, free: Sequence[str] | None = None
-    ) -> Structure:
+    def plus(self, name: str, values: Values | None = None, free: Sequence[str] | None = None) -> Structure:
         """This structure with one more effect started at ``values`` (where it vanishes otherwise), ``free`` of its
         parameters (all, unless said) to be fitted."""
         item, _ = split_name(name, self.model.known_effects, CHANNELS)

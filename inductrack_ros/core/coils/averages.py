@@ -14,7 +14,7 @@ from ..kernel import QUANTITIES
 from ..model import Model
 from ..state import INDEX, STATES
 from .flight import STEP_TIME, STEP_TRAVEL
-from .track import Path
+from .track import Coils, Path
 
 Array = NDArray[np.float64]
 
@@ -50,14 +50,22 @@ def lift_of(forces: Array) -> Array:
     return forces[..., :3] @ _BY_HEAVE
 
 
+def _coils(model: Model) -> Coils:
+    """The coils of a model that has them."""
+    if model.coils is None:
+        raise ValueError("an averaged track has no coils; give a model with track: coils")
+    return model.coils
+
+
 def mean_forces(model: Model, speed: float, heave: float) -> Array:
     """Repulsion of the top, right and left array and drag (4,), N, over one pitch of whole coils."""
-    return model.coils.mean_forces(BEHIND, speed, level(model, speed, heave))
+    return _coils(model).mean_forces(BEHIND, speed, level(model, speed, heave))
 
 
 def ripple(model: Model, speed: float, heave: float) -> tuple[float, float]:
     """How much lift and drag (N) swing within one pitch, from least to most."""
-    forces = model.coils.steady(BEHIND, speed, level(model, speed, heave), model.coils.settings.pitch).forces
+    coils = _coils(model)
+    forces = coils.steady(BEHIND, speed, level(model, speed, heave), coils.settings.pitch).forces
     return float(np.ptp(lift_of(forces))), float(np.ptp(forces[:, 3]))
 
 
@@ -76,7 +84,7 @@ def heave_motion(model: Model, speed: float) -> Heave:
 
 def _swing(model: Model, speed: float, q: Array, rate: float) -> tuple[Path, Array, Array]:
     """Coils under a cradle that swings in heave at ``rate`` (rad/s): the path, the swing (m) and its rate (m/s)."""
-    coils, wavelength = model.coils, model.parameters["wavelength"]
+    coils, wavelength = _coils(model), model.parameters["wavelength"]
     inductance, resistance = (q[QUANTITIES.index(n)] for n in ("inductance", "resistance"))
     longest = min(STEP_TIME * inductance / resistance, STEP_TRAVEL * wavelength / speed)
     period = 2.0 * np.pi / rate

@@ -52,7 +52,7 @@ class FieldTable:
 
 
 def flux_per_width(
-    places: Array, gaps: Array, wavelength: float, wavelengths: float, pitch: float, power: int = 0
+    places: np.ndarray, gaps: np.ndarray, wavelength: float, wavelengths: float, pitch: float, power: int = 0
 ) -> Array:
     """A (m) for a field of 1 T at ``places`` (n,) from the array's middle and ``gaps`` (m,), both in m: (n, m).
 
@@ -62,10 +62,10 @@ def flux_per_width(
     step = 2.0 * np.pi / (FINENESS * (length + 2.0 * MARGIN * wavelength))
     kappa = (np.arange(round(HIGHEST * k / step)) + 0.5) * step
 
-    def thickness(wave_number: Array | float) -> Array | float:
+    def thickness(wave_number: np.ndarray | float) -> np.ndarray | float:
         return (1.0 - np.exp(-wave_number * THICKNESS * wavelength)) / wave_number
 
-    def leg(wave_number: Array | float) -> Array | float:
+    def leg(wave_number: np.ndarray | float) -> np.ndarray | float:
         return np.sinc(wave_number * pitch / (2.0 * np.pi))
 
     window = length / (2.0 * np.pi) * np.sinc((kappa - k) * length / (2.0 * np.pi))

@@ -8,6 +8,7 @@ pulses, effects and their states are as on the averaged track. Both halves are o
 `kernel` puts this text behind `circuits`'. SEAM is where the forces stand in P, Q_… where quantities stand in q."""
 
 # ruff: noqa: F821
+# pyright: reportUndefinedVariable=false
 import math
 
 import numpy as np

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -37,8 +38,11 @@ def coil_track(options: Mapping[str, object], parameters: Mapping[str, float], w
     """The track that ``options`` (names of `COIL_OPTIONS` and ``track_length``, defaults where absent) describe under
     the model's ``parameters``. Raises `InputError`."""
     place = f"{where}: " if where else ""
-    given = {name: one.check(name, options.get(name, one.default), where) for name, one in COIL_OPTIONS.items()}
-    length = SIM["track_length"].check("track_length", options.get("track_length", SIM["track_length"].default), where)
+    given: dict[str, Any] = {
+        name: one.check(name, options.get(name, one.default), where) for name, one in COIL_OPTIONS.items()
+    }
+    declared = SIM["track_length"]
+    length: Any = declared.check("track_length", options.get("track_length", declared.default), where)
     pitch = given["coil_pitch"] or parameters["wavelength"] / parameters["coils_per_wavelength"]
     failed, damaged = (
         _numbers("failed_coils", given, length, pitch, place),
@@ -57,7 +61,7 @@ def coil_track(options: Mapping[str, object], parameters: Mapping[str, float], w
     return CoilTrack(pitch, given["array_spacing"], given["array_wavelengths"], mutual, failed, damaged, factors)
 
 
-def _numbers(name: str, given: Mapping[str, object], length: float, pitch: float, place: str) -> tuple[int, ...]:
+def _numbers(name: str, given: Mapping[str, Any], length: float, pitch: float, place: str) -> tuple[int, ...]:
     """The coil numbers of a list, rising, each once."""
     numbers = sorted({n for n in given[name] if n != NO_COIL})
     last = math.floor(length / pitch)
@@ -73,7 +77,7 @@ def _numbers(name: str, given: Mapping[str, object], length: float, pitch: float
 def _mutual(given: float | Sequence[float], inductance: float, place: str) -> tuple[float, ...]:
     """Mutual inductances without zeros at the end. Raises `InputError` where the coils together would store negative
     energy."""
-    values = list(given) if isinstance(given, (list, tuple)) else [given]
+    values = list(given) if isinstance(given, Sequence) else [given]
     while values and values[-1] == 0.0:
         values.pop()
     total = inductance + sum(2.0 * m * np.cos((j + 1) * _ANGLES) for j, m in enumerate(values))
@@ -86,7 +90,7 @@ def _mutual(given: float | Sequence[float], inductance: float, place: str) -> tu
 
 
 def _factors(given: float | Sequence[float], damaged: tuple[int, ...], place: str) -> tuple[float, ...]:
-    values = tuple(given) if isinstance(given, (list, tuple)) else (given,)
+    values = tuple(given) if isinstance(given, Sequence) else (given,)
     if len(values) not in (1, len(damaged)):
         raise InputError(
             f"{place}damage_factor holds {len(values)} numbers for {len(damaged)} damaged_coils; give one for all, or"

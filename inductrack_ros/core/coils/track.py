@@ -89,7 +89,8 @@ class Coils:
         circuit = float(q[_INDEX["inductance"]]), float(q[_INDEX["resistance"]])
         arrays = (np.ascontiguousarray(a, float) for a in (times, surges, gaps))
         self.kernel.coils["follow_coils"](*arrays, widths, float(amplitude), circuit, self.track, tail, out, ledger)
-        return Path(np.asarray(times), out, *ledger.T, tail)
+        heat, work, stored = ledger.T
+        return Path(np.asarray(times), out, heat, work, stored, tail)
 
     def steady(self, surge: float, speed: float, q: Array, further: float = 0.0) -> Path:
         """The last ``further`` metres of a straight flight at constant ``speed`` (m/s) and the gaps in ``q`` that ends

@@ -30,6 +30,7 @@ import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, did_you_mean
 from ..parameters import Parameter
@@ -90,7 +91,7 @@ class Effect:
     only: str = ""
     screened: bool = True
     canonical: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None
-    starts: Callable[[object], list[dict[str, float]]] | None = None
+    starts: Callable[[Any], list[dict[str, float]]] | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -141,7 +142,7 @@ def effect(
     parameters: Mapping[str, Parameter] | None = None,
     states: Mapping[str, str | float] | None = None,
     then: Part | None = None,
-    **further: object,
+    **further: Any,
 ) -> Callable[[Callable], Effect]:
     """Declare the decorated function an effect that ``adds`` to forces and ``changes`` quantities of the equations.
 
@@ -286,7 +287,8 @@ def run_file(given: str | Path) -> types.ModuleType:
     if name in sys.modules:
         return sys.modules[name]
     module = sys.modules[name] = types.ModuleType(name)
-    module.__file__, module.content = str(path), content
+    module.__file__ = str(path)
+    vars(module)["content"] = content
     try:
         exec(compile(content, str(path), "exec"), vars(module))  # not an import: that could be from a stale .pyc
     except (Exception, SystemExit) as error:  # whatever the user's code raises is the user's to read

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy import optimize, stats
@@ -189,12 +190,12 @@ def _fitted(table: Table, form: Form) -> tuple[dict[str, float], float]:
         columns = table.lay(np.column_stack(form.columns(table.u, shape * scale)))
         return wanted - columns @ _solved(columns, wanted)
 
-    best = None
-    for start in sorted(grid, key=lambda s: s[1])[:POLISHED]:
-        begin = np.clip(start[0], low + 1e-9 * scale, high - 1e-9 * scale) / scale
-        done = optimize.least_squares(left, begin, bounds=(low / scale, high / scale), x_scale="jac", max_nfev=30)
-        if best is None or done.cost < best.cost:
-            best = done
+    def polished(start: np.ndarray) -> Any:
+        begin = np.clip(start, low + 1e-9 * scale, high - 1e-9 * scale) / scale
+        return optimize.least_squares(left, begin, bounds=(low / scale, high / scale), x_scale="jac", max_nfev=30)
+
+    promising = sorted(grid, key=lambda s: s[1])[:POLISHED]
+    best = min((polished(start[0]) for start in promising), key=lambda done: done.cost)
     sizes, misfit = _sizes(table, form, best.x * scale, wanted)
     return dict(zip(form.names, [*sizes.tolist(), *(best.x * scale).tolist()], strict=True)), misfit
 

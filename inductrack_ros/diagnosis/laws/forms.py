@@ -98,7 +98,7 @@ class Form:
     def value(self, u: np.ndarray, parameters: Mapping[str, float]) -> np.ndarray:
         """The form at u (n,) with all its parameters."""
         columns = self.columns(u, [parameters[s.name] for s in self.shapes])
-        return sum(parameters[t.size] * c for t, c in zip(self.terms, columns, strict=True))
+        return np.sum([parameters[t.size] * c for t, c in zip(self.terms, columns, strict=True)], axis=0)
 
 
 @cache
@@ -407,7 +407,9 @@ class Range:
 
 
 #: Unit of each variable.
-UNITS = dict(zip(VARIABLES, ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s", "s", "A"), strict=True))
+UNITS: dict[str, str] = dict(
+    zip(VARIABLES, ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s", "s", "A"), strict=True)
+)
 
 
 def unit_of_force(acts_on: str) -> str:
@@ -426,7 +428,7 @@ def unit_of(form: Form, parameter: str, acts_on: str, variable: str) -> str:
 
 
 def _per(force: str, unit: str, power: int | str) -> str:
-    raised = {1: "", 2: "²", 3: "³"}.get(power, power)
+    raised = {1: "", 2: "²", 3: "³"}.get(power, power) if isinstance(power, int) else power
     force = force or "1"
     if "/" not in unit:
         return f"{force}/{unit}{raised}"

@@ -8,7 +8,7 @@ user (`code`) is the law itself."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,8 +29,8 @@ POINTS = 4
 class LawStructure(Structure):
     """A structure whose stand-in ``carrier`` is a law: its free parameters are called as those of the law's effect."""
 
-    law: Written | None = None
-    carrier: str = ""
+    law: Written = field(kw_only=True)
+    carrier: str = field(kw_only=True)
 
     @classmethod
     def of(cls, structure: Structure, carrier: str, law: Written) -> LawStructure:
@@ -47,7 +47,7 @@ class LawStructure(Structure):
         }
         model = plain.model.with_changes(effects={**plain.model.effects, carrier: table})
         free = plain.free + tuple(f"{law.name}.{p}" for p in law.form.names)
-        return cls(model, free, plain.smoothness, None, law, carrier)
+        return cls(model, free, plain.smoothness, None, law=law, carrier=carrier)
 
     def declared(self, name: str) -> Parameter:
         """Declaration of a free parameter."""
