@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rosbags.interfaces import Connection, QosDurability, QosReliability
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 
 from ..core.errors import InputError, one_line
@@ -192,6 +192,8 @@ def _as_of_ros2(msgtype: str) -> str:
 
 def _offered(connection: Connection) -> tuple[bool, bool]:
     """Whether all publishers offered best effort only, and whether all kept their last message."""
+    if not isinstance(connection.ext, ConnectionExtRosbag2):  # ROS 1 offers one kind of service
+        return False, False
     profiles = connection.ext.offered_qos_profiles
     lossy = bool(profiles) and all(qos.reliability == QosReliability.BEST_EFFORT for qos in profiles)
     return lossy, bool(profiles) and all(qos.durability == QosDurability.TRANSIENT_LOCAL for qos in profiles)

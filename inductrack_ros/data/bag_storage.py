@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from pathlib import Path, PurePath
+from typing import Any
 
 from ..core.errors import InputError
 from ..core.yaml_files import read_yaml
@@ -113,7 +114,8 @@ def _found(path: Path, inside: list[Path], notes: list[str]) -> list[Path]:
 def _metadata(file: Path, notes: list[str]) -> tuple[list[str], int]:
     """Names of the storage files and number of messages; none and 0 where the metadata cannot be read."""
     try:
-        information = read_yaml(file, aliases=True)["rosbag2_bagfile_information"]
+        written: Any = read_yaml(file, aliases=True)
+        information = written["rosbag2_bagfile_information"]
         names = [PurePath(name).name for name in information["relative_file_paths"]]
         count = information.get("message_count", 0)
         return names, count if isinstance(count, int) and not isinstance(count, bool) else 0
