@@ -25,7 +25,7 @@ BROKEN = {
     "not YAML": ("mass: 9.3\neta: [1, 2\n", r"line 3: not valid YAML"),
     "a tab": ("mass: 9.3\n\teta: 1.0\n", r"line 2: not valid YAML"),
     "no mapping": ("- 9.3\n", "expected parameter names with values, got list"),
-    "empty": ("", "expected parameter names with values, got NoneType"),
+    "empty": ("", "empty; expected parameter names with values"),
     "unknown parameter": ("masss: 9.3\n", "unknown parameter 'masss'; did you mean 'mass'"),
     "not a number": ("mass: .nan\n", r"mass = nan is out of range.* kg"),
     "negative mass": ("mass: -9.3\n", r"mass = -9.3 is out of range; it must lie in \[0.001, 100000\] kg"),

@@ -15,6 +15,17 @@ from inductrack_ros.core.state import COORDINATES
 from inductrack_ros.data import read_bag
 from inductrack_ros.data.mcap_salvage import zstd
 
+#: What Foxy and Humble write of one publisher.
+QOS = """- history: 3
+  depth: 0
+  reliability: 1
+  durability: 2
+  deadline: {sec: 9223372036, nsec: 854775807}
+  lifespan: {sec: 9223372036, nsec: 854775807}
+  liveliness: 1
+  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
+  avoid_ros_namespace_conventions: false
+"""
 HUMBLE = get_typestore(Stores.ROS2_HUMBLE)
 
 
@@ -206,6 +217,9 @@ def test_the_names_of_other_tools(tmp_path):
         read_bag(tmp_path / "old.bag")
     with pytest.raises(InputError, match="a ROS 1 bag"):
         read_bag(tmp_path)
+    (tmp_path / "metadata.yaml").write_text("{}")
+    with pytest.raises(InputError, match="says what is in a bag; name its folder"):
+        read_bag(tmp_path / "metadata.yaml")
     (tmp_path / "run.mcap").write_bytes(b"version https://git-lfs.github.com/spec/v1\n")
     with pytest.raises(InputError, match="is no bag but a pointer of Git LFS; fetch the file itself"):
         read_bag(tmp_path / "run.mcap")
@@ -333,6 +347,13 @@ def test_whatever_may_say_something_of_the_rig_is_named(tmp_path):
         read_bag(bag, {"pose": "/rig/pose", "twist": "/rig/twist"})
     with pytest.raises(InputError, match="an empty bag, it has no topics"):
         read_bag(record(tmp_path / "empty", {}))
+
+
+def test_two_publishers_on_a_topic_are_said(tmp_path):
+    folder = sqlite_bag(tmp_path / "run", {GOOD: raw(poses())})
+    with sqlite3.connect(folder / "run_0.db3") as database:
+        database.execute("UPDATE topics SET offered_qos_profiles = ?", (2 * QOS,))
+    assert read_bag(folder).notes == ("2 publishers wrote on /inductrack/pose: a run is of one",)
 
 
 def test_the_only_pose_is_named(tmp_path):

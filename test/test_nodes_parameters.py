@@ -83,6 +83,12 @@ FILES = {
     "general before special": ("/**:\n  ros__parameters: {mass: 9.0}\n  sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
     "special before general": ("/**:\n  sim: {ros__parameters: {eta: 0.75}}\n  ros__parameters: {mass: 9.0}", 0.75, ""),
     "coordinates by name": ("{eta: 0.75, dof: [sway, heave]}", 0.75, ""),
+    "one effect": ("{eta: 0.75, effects: aerodynamic_drag}", 0.75, ""),
+    "an effect that is off": (
+        "{eta: 0.75, aerodynamic_drag.drag_area: 0.1}",
+        0.75,
+        "not used, effects: does not list their effect: aerodynamic_drag.drag_area",
+    ),
     "later counts": ("/**: {ros__parameters: {eta: 0.5}}\n/inductrack/sim: {ros__parameters: {eta: 0.75}}", 0.75, ""),
     "no namespace": (
         "sim: {ros__parameters: {eta: 0.75}}",
@@ -132,6 +138,13 @@ REFUSED = {
     "lists in lists": ("{eta: [[1], [2]]}", "must be of one kind"),
     "a huge number": ("{eta: 100000000000000000000}", "more than 64 bits"),
     "an empty name": ('/inductrack/sim: {ros__parameters: {"": 1}}', "error: "),
+    "a word misspelt": ("/**:\n  ros_parameters: {eta: 0.75}", "no ros__parameters below '/**'"),
+    "beside the block": ("eta: 0.8\n/**: {ros__parameters: {eta: 0.75}}", "'eta' stands outside of ros__parameters"),
+    "not indented": ("/**:\n  ros__parameters:\n  eta: 0.75", "'eta' stands outside of ros__parameters; indent it"),
+    "half a wildcard": ("/induct*/sim: {ros__parameters: {eta: 0.75}}", "'/induct*/sim' is no node's name"),
+    "a blank in a name": ("'/a b/sim': {ros__parameters: {eta: 0.75}}", "'a b' must be of letters, digits and _"),
+    "with dots and nested": ("{conditions.a: 1.0, conditions: {a: 2.0}}", "'conditions.a' is given twice"),
+    "nothing": ("# to be filled in\n", "given.yaml: empty; expected parameter names with values"),
     "no file of ROS": ("- 1\n- 2\n", "expected parameter names with values, got list"),
 }
 

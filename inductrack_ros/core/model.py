@@ -207,6 +207,7 @@ class Model:
         base: dict[str, object] = {}
         conditions = {n.removeprefix(CONDITIONS): values.pop(n) for n in list(values) if n.startswith(CONDITIONS)}
         effects: dict[str, dict[str, object]] = {name: {} for name in names}
+        off: list[str] = []
         for key, value in values.items():
             effect_name, dot, parameter = key.rpartition(".")
             if is_of_the_node(key):
@@ -216,12 +217,15 @@ class Model:
             elif effect_name in effects:
                 effects[effect_name][parameter] = value
             else:
-                item, _ = split_name(effect_name, known, CHANNELS, where)  # a value for an effect that is off
+                item, _ = split_name(effect_name, known, CHANNELS, where)
+                off.append(key)
                 if parameter not in item.parameters:
                     raise InputError(
                         f"{place}effect '{effect_name}' has no parameter"
                         f" '{parameter}'{did_you_mean(parameter, item.parameters)}"
                     )
+        if off:
+            _announce(f"warning: {place}not used, effects: does not list their effect: {', '.join(off)}")
         for key in base:
             if key not in PARAMETERS:
                 raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, [*PARAMETERS, *MODEL_OPTIONS])}")

@@ -16,6 +16,8 @@ from .yaml_files import read_yaml
 
 SIM_NODE = "/inductrack/sim"  # the node whose parameters are a model
 _EXPECTED = "expected parameter names with values"
+_BLOCK = "ros__parameters"
+_NAME = re.compile(r"\w+|\*|\*\*", re.ASCII)
 _DEEPEST = 8  # far more than a node's name and an effect's parameter need
 
 
@@ -44,14 +46,25 @@ def read_blocks(path: str | Path) -> list[Block]:
     Raises `InputError`.
     """
     loaded = read_yaml(path)
+    if loaded is None:
+        raise InputError(f"{path}: empty; {_EXPECTED}")
     if not isinstance(loaded, dict):
         raise InputError(f"{path}: {_EXPECTED}, got {type(loaded).__name__}")
     found: dict[str, dict[str, object]] = {}
-    blocks = list(_blocks(loaded, ""))
+    blocks = list(_blocks(loaded, "", path))
+    if not blocks and (node := next((key for key in loaded if str(key).startswith(("/", "**"))), None)) is not None:
+        raise InputError(f"{path}: no {_BLOCK} below '{node}'; what a node is given stands below that word")
     for pattern, block in blocks or [("/**", loaded)]:
         if not isinstance(block, dict):
-            raise InputError(f"{path}: ros__parameters must hold parameter names with values")
-        _flatten(block, "", found.setdefault(pattern or "/**", {}), path)
+            raise InputError(f"{path}: {_BLOCK} must hold parameter names with values")
+        if wrong := [part for part in pattern.split("/")[1:] if not _NAME.fullmatch(part)]:
+            raise InputError(
+                f"{path}: '{pattern}' is no node's name; '{wrong[0]}' must be of letters, digits and _, or * or **"
+                " alone"
+            )
+        values: dict[str, object] = {}
+        _flatten(block, "", values, path)
+        found.setdefault(pattern or "/**", {}).update(values)
     return [Block(pattern, values, bool(blocks) and pattern.endswith("*")) for pattern, values in found.items()]
 
 
@@ -88,19 +101,28 @@ def nothing_for(blocks: Iterable[Block], node: str) -> str:
     return f"{what}; its blocks are for {', '.join(others if not taken else strange)}; name one {node} or /**"
 
 
-def _blocks(tree: dict, name: str) -> Iterator[tuple[str, object]]:
-    """Name of a node, and what stands under its ``ros__parameters``."""
+def _blocks(tree: dict, name: str, path: str | Path) -> Iterator[tuple[str, object]]:
+    """Name of a node, and what stands under its ``ros__parameters``. Raises `InputError` for what stands beside it."""
+    blocks: list[tuple[str, object]] = []
+    beside: list[str] = []
     for key, value in tree.items():
-        if key == "ros__parameters":
-            yield name, value
+        if key == _BLOCK:
+            blocks.append((name, value))
         elif isinstance(value, dict):
-            yield from _blocks(value, f"{name}/{str(key).strip('/')}")
+            blocks += _blocks(value, f"{name}/{str(key).strip('/')}", path)
+        else:
+            beside.append(str(key))
+    if blocks and beside:
+        raise InputError(f"{path}: '{beside[0]}' stands outside of {_BLOCK}; indent it below that word")
+    yield from blocks
 
 
 def _flatten(tree: dict, prefix: str, flat: dict[str, object], path: str | Path) -> None:
     for key, value in tree.items():
         name = f"{prefix}{key}"
         if not isinstance(value, dict):
+            if name in flat:
+                raise InputError(f"{path}: '{name}' is given twice, once with dots and once nested; keep one")
             flat[name] = value
         elif name.count(".") < _DEEPEST:
             _flatten(value, name + ".", flat, path)

@@ -29,21 +29,24 @@ ZSTD = b"\x28\xb5\x2f\xfd"
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic in a bag: message type, number of messages, whether all its publishers offered best effort only, and
-    whether they kept their last message for who comes later (transient local)."""
+    """A topic in a bag: message type, number of messages, whether all its publishers offered best effort only,
+    whether they kept their last message for who comes later (transient local), and how many they were, if that was
+    recorded."""
 
     name: str
     msgtype: str
     count: int
     lossy: bool
     latched: bool = False
+    publishers: int = 1
 
     def joined(self, other: Topic | None) -> Topic:
         """This and another part of the same topic."""
         if other is None:
             return self
         count, lossy = self.count + other.count, self.lossy and other.lossy
-        return Topic(self.name, other.msgtype, count, lossy, self.latched and other.latched)
+        publishers = max(self.publishers, other.publishers)
+        return Topic(self.name, other.msgtype, count, lossy, self.latched and other.latched, publishers)
 
 
 @dataclass(frozen=True)
@@ -190,13 +193,14 @@ def _as_of_ros2(msgtype: str) -> str:
     return f"{package}/msg/{name}" if slash and "/" not in name else msgtype
 
 
-def _offered(connection: Connection) -> tuple[bool, bool]:
-    """Whether all publishers offered best effort only, and whether all kept their last message."""
+def _offered(connection: Connection) -> tuple[bool, bool, int]:
+    """Whether all publishers offered best effort only, whether all kept their last message, and how many they are."""
     if not isinstance(connection.ext, ConnectionExtRosbag2):  # ROS 1 offers one kind of service
-        return False, False
+        return False, False, 1
     profiles = connection.ext.offered_qos_profiles
     lossy = bool(profiles) and all(qos.reliability == QosReliability.BEST_EFFORT for qos in profiles)
-    return lossy, bool(profiles) and all(qos.durability == QosDurability.TRANSIENT_LOCAL for qos in profiles)
+    latched = bool(profiles) and all(qos.durability == QosDurability.TRANSIENT_LOCAL for qos in profiles)
+    return lossy, latched, max(len(profiles), 1)
 
 
 def _messages(file: _File, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:

@@ -25,7 +25,11 @@ def is_bag(path: Path) -> bool:
         head = head_of(path) if path.is_file() else b""  # opening a pipe could wait for ever
     except (OSError, ValueError):
         head = b""
-    return _inner(path).suffix in (".mcap", ".db3", ".bag") or head.startswith((MAGIC, SQLITE, ROS1))
+    return (
+        path.name == METADATA
+        or _inner(path).suffix in (".mcap", ".db3", ".bag")
+        or head.startswith((MAGIC, SQLITE, ROS1))
+    )
 
 
 def head_of(file: Path) -> bytes:
@@ -46,6 +50,8 @@ def storage_files(path: Path, notes: list[str]) -> tuple[list[Path], int]:
     """
     try:
         if path.is_file():
+            if path.name == METADATA:
+                raise InputError(f"{path}: says what is in a bag; name its folder, {path.parent}")
             if not is_bag(path):
                 raise InputError(f"{path}: not a bag; give a rosbag2 folder, a .mcap or a .db3")
             return [path], 0

@@ -72,6 +72,11 @@ def read_bag(
     with open_bag(path) as bag:
         wanted = _choose(path, topics, bag.topics)
         notes = [*bag.notes, *_left_out(topics, wanted, bag.topics, inputs or {})]
+        notes += [
+            f"{bag.topics[topic].publishers} publishers wrote on {topic}: a run is of one"
+            for topic in wanted.values()
+            if bag.topics[topic].publishers > 1
+        ]
         streams = _read_streams(bag, wanted, notes)
         fields = {n: read_field(bag, *where.rsplit(":", 1)) for n, where in (inputs or {}).items()}
     run = _laid_out(path, name, streams, gravity, notes)

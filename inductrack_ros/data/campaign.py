@@ -208,7 +208,11 @@ def _run(section: Section, file: Path, name: str, reading: _Reading) -> Run:
     if current is None and "drive_current" in run.inputs:
         current, notes = _mean_current(run.inputs["drive_current"][1])
     if current is None and run.pulses is None:
-        raise section.error("file", f"drive_current of {file.name} is missing; give it in A, 0 for coasting")
+        raise section.error(
+            "file",
+            f"drive_current of {file.name} is missing; give it in A, 0 for coasting, or name what measured it:"
+            " inputs: {drive_current: COLUMN}",
+        )
     return replace(
         run,
         drive_current=current or 0.0,

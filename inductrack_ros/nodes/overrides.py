@@ -79,11 +79,10 @@ class _Rewriting:
         for block in blocks:
             lines.append(f"{json.dumps(block.pattern)}:\n  ros__parameters:" + ("" if block.values else " {}"))
             for name, value in block.values.items():
-                if name == "effect_files" and isinstance(value, list | str):
-                    value = [
-                        beside(Path(path).absolute().parent, f) if f else f
-                        for f in ([value] if isinstance(value, str) else value)
-                    ]
+                if name in ("effects", "effect_files") and isinstance(value, str):
+                    value = [value]  # as commands take it
+                if name == "effect_files" and isinstance(value, list):
+                    value = [beside(Path(path).absolute().parent, f) if f else f for f in value]
                 lines.append(f"    {json.dumps(name)}: {_text(value, f'{path}: {name}')}")
         made = self.folder / f"{len(self.files)}.yaml"
         made.write_text("\n".join(lines) + "\n", encoding="ascii")
