@@ -9,7 +9,7 @@ BIN := $(VENV)/bin
 ROS := $(if $(AMENT_PREFIX_PATH),$(or $(ROS_DISTRO),distribution),wheels)
 
 comma := ,
-EXTRAS := $(if $(filter wheels,$(ROS)),test$(comma)ros,test)
+EXTRAS := $(if $(filter wheels,$(ROS)),test$(comma)ros$(comma)ament,test)
 READY := $(VENV)/ready-$(ROS)
 
 .PHONY: demo test nightly lint setup clean benchmark benchmark-check benchmark-diagnosis faults fuzz soak tables docs

@@ -67,6 +67,8 @@ setup(
             "colcon-common-extensions",
             "dask[distributed]",
         ],
+        # The linters of ROS 2 that come as wheels, and what they call.
+        "ament": ["ros-ament-flake8==0.17.3", "ros-ament-pep257==0.17.3", "flake8", "pydocstyle"],
         "docs": ["sphinx>=8,<9", "myst-parser", "furo"],
         "cluster": ["dask[distributed]"],
         "benchmark": ["pysindy>=2.1", "scikit-sundae", "matplotlib"],

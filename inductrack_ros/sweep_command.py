@@ -167,7 +167,7 @@ def _plan(arguments: argparse.Namespace, planned: PlannedCampaign | None) -> Pla
     conditions = {n: v for n, v in given.items() if any(n in item.conditions for item in model.known_effects.values())}
     model = model.with_changes(conditions={**model.conditions, **conditions})
     initial = {n: v for n, v in given.items() if n not in conditions}
-    model.initial_state(**{"heave": 0.0} | {n: v for n, v in initial.items()})  # complains of unknown names
+    model.initial_state(**{"heave": 0.0} | initial)  # complains of unknown names
     initial = {n: initial[n] for n in STATES if n in initial}
     draws = _draws(arguments, model, file, swept)
     return (

@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[1]
 @pytest.fixture(scope="module")
 def types() -> dict[str, str]:
     """Message type of every topic, as docs/interfaces.md has it; groups (`gap_*`) by their first part."""
-    return {t: kind for t, kind in re.findall(r"^\| `([^`]+)` \| (\w+/\w+) \|", interface_tables.text(), re.MULTILINE)}
+    return dict(re.findall(r"^\| `([^`]+)` \| (\w+/\w+) \|", interface_tables.text(), re.MULTILINE))
 
 
 def type_of(topic: str, types: dict[str, str]) -> str:

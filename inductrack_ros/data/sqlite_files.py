@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An SQLite file made whole: with what its journal holds where a recorder was killed (https://sqlite.org/fileformat.html)."""
+"""An SQLite file made whole, with what its journal holds where a recorder was killed.
+
+The format: https://sqlite.org/fileformat.html
+"""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def modes(model: Model, speed: float) -> Modes:
     lagging = model.with_changes(effects=["coil_current_dynamics"])
     x, current = model.with_effect_states(model.initial_state(surge_rate=speed)), trim_current(model, speed)
     mass, inertia = model.parameters["mass"], model.parameters["roll_inertia"]
-    moving = [i for i in range(1, 8)]  # the place along the track changes nothing
+    moving = list(range(1, 8))  # the place along the track changes nothing
 
     A = jacobian(model, x, current, moving)
     at = {s: moving.index(s) for s in moving}
