@@ -135,7 +135,7 @@ def test_the_version_stands_in_package_xml_alone(capsys):
 def test_make_uses_a_sourced_distribution_and_brings_ros_otherwise():
     bare = run("make", "-n", "setup", "VENV=none", "AMENT_PREFIX_PATH=", cwd=ROOT)
     sourced = run("make", "-n", "setup", "VENV=none", "AMENT_PREFIX_PATH=/opt/ros/jazzy", "ROS_DISTRO=jazzy", cwd=ROOT)
-    assert "'.[test,ros]'" in bare and "--system-site-packages" not in bare
+    assert "'.[test,ros,ament]'" in bare and "--system-site-packages" not in bare
     assert "'.[test]'" in sourced and "--system-site-packages" in sourced
 
 
