@@ -42,7 +42,7 @@ faults: $(READY)
 	@$(BIN)/python -m pytest -s test/test_faults_*.py test/test_nodes_record.py
 
 fuzz: $(READY)
-	@$(BIN)/python -m pytest test/test_fuzz.py --hypothesis-profile=nightly --durations=0
+	@$(BIN)/python -m pytest test/test_fuzz.py test/test_fuzz_files.py --hypothesis-profile=nightly --durations=0
 
 soak: $(READY)
 	@$(BIN)/python benchmarks/soak.py

@@ -211,6 +211,21 @@ def test_an_mcap_without_its_end_is_read_as_far_as_it_is_whole(tmp_path):
     )
 
 
+def test_an_mcap_that_other_programs_wrote_into(tmp_path):
+    """Its profile or the schemas of some channels are not ROS 2's."""
+    bag = record(tmp_path / "bag", {GOOD: poses(), "/other": [gap(EPOCH, 0.005)]})
+    whole = (bag / "bag.mcap").read_bytes()
+    everything = read_bag(bag)
+    for here, there in ((b"\x04\0\0\0ros2", b"\x04\0\0\0rosX"), (b"ros2msg", b"jsonsch")):
+        assert here in whole
+        (bag / "bag.mcap").write_bytes(whole.replace(here, there))
+        run = read_bag(bag)
+        assert np.array_equal(run.values, everything.values) and run.notes == everything.notes
+    (bag / "bag.mcap").write_bytes(whole.replace(b"ros2msg", b"jsonsch").replace(b"\x03\0\0\0cdr", b"\x03\0\0\0jso"))
+    with pytest.raises(InputError, match=r"is geometry_msgs/msg/PoseStamped \(jso\), but pose must be"):
+        read_bag(bag)
+
+
 def test_the_names_of_other_tools(tmp_path):
     (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
     with pytest.raises(InputError, match="a ROS 1 bag; convert it: `rosbags-convert --src .*old.bag --dst .*old`"):

@@ -50,3 +50,15 @@ def test_play_publishes_as_was_recorded_and_tells_of_a_pause(ros, tmp_path):
     assert heard[0].range == pytest.approx(0.005)
     assert player.stop() == 0
     assert "1 messages played" in player.output
+
+
+@pytest.mark.parametrize("home", ["/proc/none", ""])
+def test_play_without_a_home(ros, tmp_path, monkeypatch, home):
+    """ROS 2 does not start where it cannot write its logs, so they go elsewhere."""
+    folder = sqlite_bag(tmp_path / "run", {GOOD: raw(poses(3))})
+    monkeypatch.setenv("HOME", home)
+    monkeypatch.setenv("INDUCTRACK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("ROS_LOG_DIR")
+    player = ros.start("play", "--at-once", "-d", "0", str(folder))
+    assert player.wait() == 0 and "3 messages played" in player.output
+    assert list((tmp_path / "cache" / "log").iterdir())

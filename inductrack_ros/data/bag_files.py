@@ -51,11 +51,13 @@ class Topic:
 
 @dataclass(frozen=True)
 class _File:
-    """A storage file that can be read: ``path`` may be a copy of ``given``, which messages to people name."""
+    """A storage file that can be read: ``path`` may be a copy of ``given``, which messages to people name. One that is
+    ``cut`` off, or that holds more than ROS 2 writes, is to be read record after record."""
 
     path: Path
     given: Path
     cut: bool = False
+    by_record: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,19 @@ def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
         stream.seek(0, 2)
         stream.seek(max(stream.tell() - len(MAGIC), len(MAGIC)))
         cut = stream.read() != MAGIC
-    return _File(_under(path, folder, ".mcap"), file, cut)
+    path = _under(path, folder, ".mcap")
+    return _File(path, file, cut, cut or _is_not_only_of_ros2(path))
+
+
+def _is_not_only_of_ros2(path: Path) -> bool:
+    """Whether a whole MCAP has another profile than ROS 2's, or schemas that are not ROS 2's."""
+    try:
+        with Reader(path):
+            return False
+    except KeyError:  # what `rosbags` says of a schema
+        return True
+    except Exception as error:  # damaged, which is said where it is read
+        return str(error) == "Profile is not ros2."
 
 
 def _unpacked(file: Path, folder: Path, notes: list[str]) -> Path:
@@ -172,7 +186,7 @@ def _under(path: Path, folder: Path, suffix: str) -> Path:
 
 
 def _topics(file: _File) -> Iterator[Topic]:
-    if file.cut:
+    if file.by_record:
         counts: dict[tuple[str, str, str], int] = {}
         for channel, _, _ in salvage(file.path):
             key = channel.topic, channel.msgtype, channel.offered_qos
@@ -204,7 +218,7 @@ def _offered(connection: Connection) -> tuple[bool, bool, int]:
 
 
 def _messages(file: _File, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-    if file.cut:
+    if file.by_record:
         yield from ((channel.topic, time, data) for channel, time, data in salvage(file.path) if channel.topic in names)
         return
     with Reader(file.path) as reader:

@@ -2,7 +2,7 @@
 """What is whole in an MCAP file whose end is missing (https://mcap.dev/spec): a recorder that was killed, a full disk.
 
 Such a file has no index, so its records are read one after the other up to the first that is cut, also within the last
-chunk."""
+chunk. So is a whole file that other programs wrote into as well, which `rosbags` does not open."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ _LONGEST = 1 << 31  # a record that says that it is longer than this is damaged
 
 @dataclass(frozen=True)
 class Channel:
-    """Topic of a channel, its message type, and what its publisher offered (YAML, may be empty)."""
+    """Topic of a channel, its message type (with the encoding of its messages, where that is not ROS 2's), and what its
+    publisher offered (YAML, may be empty)."""
 
     topic: str
     msgtype: str
@@ -43,8 +44,9 @@ def salvage(file: Path) -> Iterator[tuple[Channel, int, bytes]]:
                 types[_u16(content, 0)] = _text(content, 2)[0]
             elif kind == _CHANNEL:
                 topic, at = _text(content, 4)
-                _, at = _text(content, at)
-                channels[_u16(content, 0)] = Channel(topic, types.get(_u16(content, 2), ""), _offered(content[at:]))
+                encoding, at = _text(content, at)
+                msgtype = types.get(_u16(content, 2), "") + ("" if encoding == "cdr" else f" ({encoding})")
+                channels[_u16(content, 0)] = Channel(topic, msgtype, _offered(content[at:]))
             elif kind == _MESSAGE:
                 channel = channels.get(_u16(content, 0))
                 if channel is not None:

@@ -17,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from ..core.errors import InputError
 from .domain import reach, stay_local
 from .ending import GRACE, STOP, Deadline
+from .log_folder import log_somewhere
 from .overrides import Overrides, readable
 
 _ROS_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
@@ -39,6 +40,7 @@ def run(make_node: Callable[[Overrides], Node], args: list[str] | None = None) -
     stay_local()
     node, status = None, 1
     try:
+        log_somewhere()
         with readable(sys.argv if args is None else args) as (ros_args, overrides):
             rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node(overrides)
