@@ -162,6 +162,7 @@ BROKEN = {
     "dof twice": (RUNS + "dof: [surge, surge]\n", "dof must be 1, 2, 4 or a list"),
     "dof empty": (RUNS + "dof: []\n", "dof must be 1, 2, 4 or a list"),
     "dof yes": (RUNS + "dof: true\n", "dof must be 1, 2, 4 or a list"),
+    "free misspelt": (RUNS + "free: [etta]\n", "free: unknown parameter 'etta'; did you mean 'eta'"),
     "input a number": (RUNS + "inputs: {wind: 3}\n", "inputs: wind must be text, not 3"),
     "condition a word": (
         "runs:\n- {file: run_00.csv, drive_current: 0, conditions: {track_temperature: warm}}",

@@ -26,3 +26,20 @@ def test_notes_stand_in_the_head_of_a_page():
     many = Page("rig", "Kind", "Verdict.", notes=("a", "b", "c", "d")).render()
     assert "4 remarks</summary>" in many[: many.index("</header>")]
     assert 'class="notes"' not in Page("rig", "Kind", "Verdict.").render()
+
+
+def test_what_a_campaign_gives_and_no_run_asks_for(tmp_path):
+    for name in ("a.csv", "b.csv", "c.csv"):
+        (tmp_path / name).write_text(f"time,heave\n0,1\n1,{3 if name == 'b.csv' else 2}\n")
+    (tmp_path / "campaign.yaml").write_text(
+        "noise_std: {heave: 1.0e-5, gap_top: 1.0e-5}\n"
+        "topics: {pose: /rig/pose}\n"
+        "inputs: {wind: '/bus:point.x'}\n"
+        "runs: [{file: a.csv, drive_current: 0}, {file: b.csv, drive_current: 0}, {file: c.csv, drive_current: 0}]\n"
+    )
+    assert load_campaign(tmp_path).notes == (
+        "noise_std of gap_top is not used: no run has that channel",
+        "topics: is not used: no run is a bag",
+        "input 'wind' is in no run",
+        "c holds the same samples as a, which so count twice: list one of them",
+    )

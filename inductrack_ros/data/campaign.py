@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -139,17 +140,44 @@ def load_campaign(folder: str | Path, gravity: float = frames.GRAVITY) -> Campai
     folder = Path(folder)
     file = folder if folder.suffix in (".yaml", ".yml") and folder.is_file() else folder / FILE
     mapping = Section(file, "", _content(file), KEYS)
-    runs = _runs(file.parent, mapping, _Reading(read_topics(mapping), read_inputs(mapping), gravity))
+    reading = _Reading(read_topics(mapping), read_inputs(mapping), gravity)
+    runs, noise_std = _runs(file.parent, mapping, reading), read_noise_std(mapping)
     return Campaign(
         name=read_name(mapping, file.parent),
         folder=file.parent,
         runs=runs,
-        noise_std=read_noise_std(mapping),
+        noise_std=noise_std,
         model=read_model(mapping, file.parent),
         free=read_free(mapping),
         dof=read_dof(mapping),
+        remarks=tuple(_unused(runs, noise_std, reading) + _alike(runs)),
         limits=read_limits(mapping),
     )
+
+
+def _unused(runs: tuple[Run, ...], noise_std: Mapping[str, float], reading: _Reading) -> list[str]:
+    """A word for each key of the campaign that no run asks for."""
+    lines = [
+        f"noise_std of {channel} is not used: no run has that channel"
+        for channel in noise_std
+        if all(channel not in run.channels for run in runs)
+    ]
+    if reading.topics and not any(is_bag(run.file) for run in runs):
+        lines.append("topics: is not used: no run is a bag")
+    held = {name for run in runs for name in run.inputs}
+    return lines + [f"input '{name}' is in no run" for name in reading.inputs if name not in held]
+
+
+def _alike(runs: tuple[Run, ...]) -> list[str]:
+    """A word for runs that hold the same samples: what is counted twice seems surer than it is."""
+    first: dict[bytes, str] = {}
+    lines: list[str] = []
+    for run in runs:
+        key = hashlib.sha256(run.times.tobytes() + np.nan_to_num(run.values).tobytes()).digest()
+        if key in first:
+            lines.append(f"{run.name} holds the same samples as {first[key]}, which so count twice: list one of them")
+        first.setdefault(key, run.name)
+    return lines
 
 
 def _content(file: Path) -> Any:

@@ -195,6 +195,8 @@ def read_free(mapping: Section) -> tuple[str, ...]:
         raise mapping.error("free", f"free must be a list of parameter names, e.g. [eta, gamma], not {shown(names)}")
     if twice := [n for n, count in Counter(names).items() if count > 1]:
         raise mapping.error("free", f"free names '{twice[0]}' twice")
+    if unknown := [n for n in names if "." not in n and n not in PARAMETERS]:
+        raise mapping.error("free", f"free: unknown parameter '{unknown[0]}'{did_you_mean(unknown[0], PARAMETERS)}")
     return tuple(names)
 
 

@@ -23,7 +23,7 @@ def _wanted() -> Path | None:
     """The folder that ROS 2 would take; None where it finds none."""
     for name, below in ((LOGS, ""), ("ROS_HOME", "log"), ("HOME", ".ros/log")):
         if given := os.environ.get(name):
-            return Path(given).expanduser() / below
+            return Path(os.path.expanduser(given)) / below  # unchanged where there is no home
     return None
 
 
