@@ -89,8 +89,8 @@ def compare(
 def _initial_states(problem: Problem, structure: Structure) -> list[Array]:
     """Initial state (8,) of each run, sought from where multiple shooting has the cradle at its beginning.
 
-    It is fitted over as much of the run as the model follows: all of it where the model is right, and where the model
-    is wrong a beginning, so that its error is not shared out over the run."""
+    It is fitted over as much of the run as the model follows. That is all of it if the model is right. If the model is
+    wrong it is the beginning only, so that the fit does not spread the model's error over the run."""
     if not any(data.free_states.size for data in problem.runs):
         return [data.guess for data in problem.runs]
     held = shooting.fit(problem, structure).states

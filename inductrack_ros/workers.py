@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where independent work is done: threads of this machine, or workers of a dask cluster that the user already has.
 
-Both are a `map` that returns results in order, the same to the last bit: a task is a pure function of what it is given,
-small matrices are never split over threads, and a worker of another version is refused. dask runs the tasks of a worker
-that dies again on another.
+Both are a `map` that returns results in order, the same to the last bit. For that, a task is a pure function of its
+input, small matrices are never split over threads, and a worker of another version is refused. If a worker dies, dask
+runs its tasks again on another.
 """
 
 from __future__ import annotations

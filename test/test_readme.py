@@ -141,6 +141,12 @@ def test_every_link_leads_to_a_file_and_a_heading(page):
             assert heading in anchors, target
 
 
+def test_every_page_is_in_the_contents():
+    """Sphinx warns of a page that no table of contents names, and `make docs` fails on a warning."""
+    named = re.findall(r"^[\w/]+$", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {p.stem for p in (ROOT / "docs").glob("*.md")} - {"index"} <= set(named)
+
+
 def test_the_readme_is_short():
     """A page and a half, with a picture, and every page of docs/ is one of those to read on."""
     assert len(README.splitlines()) <= 90

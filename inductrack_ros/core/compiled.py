@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects as machine code, kept on disk: what `kernel` and `sensor_kernel` have in common.
 
-Either writes the text of a Python module in which the effects' functions are called; here the module is loaded, its
-functions are compiled, and the result is kept under a hash of everything that went in, so a changed effect is a new
-module and never a stale one.
+Each of these two writes the text of a Python module that calls the effects' functions. This file loads the module,
+compiles its functions, and keeps the result under a hash of all its sources, so a changed effect makes a new module.
 """
 
 from __future__ import annotations

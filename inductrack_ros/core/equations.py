@@ -25,8 +25,9 @@ def equations(
 ):  # fmt: skip
     """Quantities of the model at one moment; returns all of them by name.
 
-    ``travel`` is the surge since the run began (m), ``averaged`` whether thrust follows the averaged law (39) with
-    ``drive_current`` (A) or the pulses, whose Σ I sin(π(t−t0)/τ) cos(k(z−z_n)) is ``pulse_current`` (A);
+    ``travel`` is the surge since the run began (m). If ``averaged``, thrust follows the averaged law (39) with
+    ``drive_current`` (A). If not, it follows the pulses, and ``pulse_current`` (A) is their sum
+    Σ I sin(π(t−t0)/τ) cos(k(z−z_n)).
     ``touching_*`` say which arrays are in contact, which the integrator decides between its steps.
     """
     width_right = width_side

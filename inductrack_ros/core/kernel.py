@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """From equations and effects to machine code.
 
-One Python module is written per set of effects: the statements of `equations`, a call of each effect after the
-statement that gives what it changes, and the text of `integrator`; then the statements alone and the text of `lanes`.
-numba compiles it once and keeps the result on disk under a hash of everything that went in, so a changed effect is a
-new module and never a stale one. A model with single coils has a kernel of its own, with the texts of `coils` behind.
+One Python module is written for each set of effects. It holds the statements of `equations`, with a call of each
+effect behind the statement that computes what the effect changes, and the text of `integrator`. Then follow the
+statements alone and the text of `lanes`. A model with single coils has a kernel of its own, with the texts of `coils`
+at the end. numba compiles the module once. The result is kept on disk under a hash of all its sources, so a changed
+effect makes a new module.
 """
 
 from __future__ import annotations

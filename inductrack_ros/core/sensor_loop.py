@@ -6,8 +6,8 @@ true. What was true then is interpolated from the run. The effects of several ch
 channel itself change the reading, one after the other. ``plan`` lists them, a row (kind, effect, where its
 parameters begin in p, where its states begin in x) for each.
 
-States follow the exponential scheme below, which is exact where their rates are linear in them and their input is a
-parabola between two points of the grid; so a time constant of nanoseconds takes no more steps than one of seconds.
+States follow the exponential scheme of `follow`. It is exact where their rates are linear in them and their input is a
+parabola between two points of the grid. So a time constant of nanoseconds takes no more steps than one of seconds.
 """
 
 # ruff: noqa: F821
@@ -150,10 +150,10 @@ def multiply(A, B, C, size, factor):
 def follow(t, h, x, rig, run, p, P, work, matrices, row, seen):
     """Carry the states x from t to t + h.
 
-    With J the rates' derivative by x at t and g = rates − J x, which depends on time alone where the rates are linear:
-    x(t + h) = x + h (φ_1(hJ) f_0 + φ_2(hJ) (−3 g_0 + 4 g_m − g_1) + φ_3(hJ) 4 (g_0 − 2 g_m + g_1)), the parabola
-    through the beginning, the middle and the end taken in whole. Where they are not linear, g_m and g_1 stand at states
-    that a step of the first order predicts.
+    J is the rates' derivative by x at t, and g = rates − J x, which depends on time alone where the rates are linear.
+    x(t + h) = x + h (φ_1(hJ) f_0 + φ_2(hJ) (−3 g_0 + 4 g_m − g_1) + φ_3(hJ) 4 (g_0 − 2 g_m + g_1)) integrates the
+    parabola through g at the beginning, the middle and the end exactly. Where the rates are not linear, g_m and g_1 are
+    taken at states that a step of the first order predicts.
     """
     f0, rates, moved, b2, b3, none = work[0], work[1], work[2], work[3], work[4], work[5]
     J, A, B, C = matrices[0], matrices[1], matrices[2], matrices[3]

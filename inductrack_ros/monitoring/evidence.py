@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """When to say that a force is missing: a sequential test with a stated rate of false alarms, however long it runs.
 
-With a complete model each window's force over its sigma is a fresh standard normal z. Against that stand alternatives,
-a force that stays (z about ±μ) and one that comes and goes (z of variance 1 + τ²). The likelihood ratio of each has
-mean 1 while the model is complete, so a Shiryaev–Roberts sum R ← (1 + R)·ratio grows by 1 a window on average, and the
-mean over alternatives and coordinates reaches a threshold A no sooner than after A windows on average: the alarm rate.
-(Shin, Ramdas and Rinaldo, E-detectors, 2024.)
+If the model is complete, each window's force over its sigma is an independent standard normal z. The alternatives are a
+force that stays (z about ±μ) and one that comes and goes (z of variance 1 + τ²). The likelihood ratio of each has mean
+1 while the model is complete, so a Shiryaev–Roberts sum R ← (1 + R)·ratio grows by 1 a window on average. Therefore the
+mean of R over alternatives and coordinates reaches a threshold A after A windows on average, or later. That is the
+alarm rate. (Shin, Ramdas and Rinaldo, E-detectors, 2024.)
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One short window of measurements: the run of the model that fits it best, and the constant force that it lacks.
 
-Each window is fitted by itself, state at its start and force together (Gauss–Newton on weighted residuals). Nothing is
-carried from one to the next, so that with a complete model and white noise the forces of different windows are
-independent and normal about zero, with the covariance that the fit gives: what `evidence` builds on.
+Each window is fitted by itself: the state at its start and the force together (Gauss–Newton on weighted residuals).
+Nothing is carried from one window to the next. So with a complete model and white noise the forces of different windows
+are independent and normal about zero, with the covariance that the fit gives. `evidence` relies on this.
 """
 
 from __future__ import annotations

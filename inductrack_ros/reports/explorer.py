@@ -40,8 +40,9 @@ class RunTraces:
 
 @dataclass(frozen=True)
 class Opening:
-    """How the explorer opens: the run and channel shown first, names of the first variant and of the chosen one, and
-    whether the first variant fits (``well``), so that it has no colour of alarm."""
+    """How the explorer opens: the run and channel shown first, and the names of the first variant and the chosen one.
+
+    ``well`` says that the first variant fits; then it is not drawn in the colour of an alarm."""
 
     start: tuple[str, str] | None = None
     words: tuple[str, str] = ("this model", "with the effects chosen")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sweep: every point of its axes flown, with the model's own parameters and with as many draws of them as asked for.
 
-The work goes in blocks of whole points, each through `estimation.ensemble`, and what is read off a run is all that is
-kept of it: memory grows with the number of points, not with the length of the runs."""
+`estimation.ensemble` flies blocks of whole points. Of each run only the quantities of the map are kept, so memory grows
+with the number of points, not with the length of the runs."""
 
 from __future__ import annotations
 

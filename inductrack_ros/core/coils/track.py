@@ -93,8 +93,8 @@ class Coils:
         return Path(np.asarray(times), out, heat, work, stored, tail)
 
     def steady(self, surge: float, speed: float, q: Array, further: float = 0.0) -> Path:
-        """The last ``further`` metres of a straight flight at constant ``speed`` (m/s) and the gaps in ``q`` that ends
-        at ``surge``, after a run-up that makes the currents steady; none flow where the cradle stands or goes back."""
+        """The last ``further`` metres of a straight flight that ends at ``surge``, at constant ``speed`` (m/s) and the
+        gaps in ``q``. A run-up before them makes the currents steady. No current flows at speeds of 0 and below."""
         gaps = np.broadcast_to(q[:3], (2, 3))
         if speed <= 0.0:
             return self.follow(np.zeros(2), np.full(2, surge), gaps, q)

@@ -70,17 +70,18 @@ class Part:
 class Effect:
     """One effect: its functions, where their results go, its parameters and states.
 
-    ``parts`` are one function, or two where what the second needs is known only after the first has acted. ``states``
-    maps each state the effect carries to what it starts on: a number, or the quantity whose value (without such
-    effects) it takes; the last function then returns, after what it adds or changes, the states' time derivatives.
-    ``max_step`` (s) bounds the integration step while the effect is on, and a tenth of the parameter named by
-    ``max_travel`` (m), over which the effect repeats, bounds the travel in one; ``only`` limits it to the ``averaged``
-    or the ``pulses`` drive; ``canonical`` picks one of the parameter sets that do the same; ``starts`` says where its
-    parameters may be sought, for an effect that where it vanishes does not show what its other parameters are: for a
-    sensor's from what it read (n,), for one of the cradle from the range (low, high) that each of the runs' variables
-    covers (`estimation.response.VARIABLES` and the gaps); ``conditions`` are numbers of a run that the function takes
-    (a campaign gives them), with the values they have where a run does not say; ``of_sensor`` marks the effect of a
-    sensor, ``of_channel`` one of one channel, used as ``name:channel``."""
+    - ``parts``: one function, or two if the second needs what is known only after the first has acted.
+    - ``states``: what each state starts on, a number or the quantity whose value (without such effects) it takes. The
+      last function returns the states' time derivatives behind what it adds or changes.
+    - ``max_step`` (s) bounds the integration step while the effect is on. ``max_travel`` names the parameter (m) over
+      which the effect repeats; a tenth of it bounds the travel in a step.
+    - ``only`` limits the effect to the ``averaged`` or the ``pulses`` drive.
+    - ``canonical`` picks one of several parameter sets that do the same.
+    - ``starts`` gives values where a search for the parameters may begin, for an effect that shows nothing of its other
+      parameters where it vanishes. For a sensor's effect it gets the readings (n,), for one of the cradle the range
+      (low, high) that each variable of the runs covers (`estimation.response.VARIABLES` and the gaps).
+    - ``conditions``: numbers of a run that the function takes, each with its value where no run gives one.
+    - ``of_sensor`` marks the effect of a sensor, ``of_channel`` that of one channel, used as ``name:channel``."""
 
     name: str
     parts: tuple[Part, ...]
