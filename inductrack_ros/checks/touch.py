@@ -28,13 +28,13 @@ STEP = 1e-3
 class Touch:
     """Bounds of what contact does, and the gaps by place.
 
-    room: m, between the track above and that below no array moves further
-    speed: m/s, none crosses that room faster
-    acceleration: m/s², what the contact's spring and damper make of that speed
-    lever: m, arm of an array about the roll axis
-    closest: m, at a smaller gap the cradle may touch
-    gaps: by gap how it opens with sway and heave, and (81,) how large it is at `ROLLS` (m); empty where nothing can be
-        touched"""
+    - room: m, between the track above and that below no array moves further
+    - speed: m/s, none crosses that room faster
+    - acceleration: m/s², what the contact's spring and damper make of that speed
+    - lever: m, arm of an array about the roll axis
+    - closest: m, at a smaller gap the cradle may touch
+    - gaps: by gap how it opens with sway and heave, and (81,) how large it is at `ROLLS` (m); empty where nothing can
+      be touched"""
 
     room: float
     speed: float

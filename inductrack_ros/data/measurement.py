@@ -19,21 +19,21 @@ Array = NDArray[np.float64]
 class Run:
     """Samples of one run on one time axis; a channel that was not sampled at a time is NaN there.
 
-    name: unique in its campaign; names the output files
-    file: the CSV or the bag
-    channels: (c,) names out of `core.state.CHANNELS`, in that order
-    times: (n,) s, strictly increasing, 0 at the first sample
-    values: (n, c) SI units, NaN where not measured; no column and no time is wholly NaN in a bag, no column in a CSV
-    stamps: (n,) time as the file has it: float seconds (CSV) or whole nanoseconds (bag: a float would lose 0.2 µs)
-    drive_current: A; 0 is coasting
-    initial_state: what is known of the state at time 0, by name; the rest is to be estimated
-    pulses: the drive, where the bag holds the pulses that were fired, by time on the run's clock; None:
-        `drive_current`, averaged
-    seconds_stated: whether the file itself says that its time is in seconds: a bag, or a unit in a CSV's header
-    inputs: what else was measured in time, by the name a model or an effect calls it: times (m,) s on the run's clock,
-        values (m,)
-    conditions: numbers of this run: one with a model parameter's name takes its place, others are there for effects
-    notes: what was converted, sorted or left out while reading, one line each, without the file's name
+    - name: unique in its campaign; names the output files
+    - file: the CSV or the bag
+    - channels: (c,) names out of `core.state.CHANNELS`, in that order
+    - times: (n,) s, strictly increasing, 0 at the first sample
+    - values: (n, c) SI units, NaN where not measured; no column and no time is wholly NaN in a bag, no column in a CSV
+    - stamps: (n,) time as the file has it: float seconds (CSV) or whole nanoseconds (bag: a float would lose 0.2 µs)
+    - drive_current: A; 0 is coasting
+    - initial_state: what is known of the state at time 0, by name; the rest is to be estimated
+    - pulses: the drive, where the bag holds the pulses that were fired, by time on the run's clock; None:
+      `drive_current`, averaged
+    - seconds_stated: whether the file itself says that its time is in seconds: a bag, or a unit in a CSV's header
+    - inputs: what else was measured in time, by the name a model or an effect calls it: times (m,) s on the run's
+      clock, values (m,)
+    - conditions: numbers of this run: one with a model parameter's name takes its place, others are there for effects
+    - notes: what was converted, sorted or left out while reading, one line each, without the file's name
     """
 
     name: str

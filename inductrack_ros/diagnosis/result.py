@@ -57,10 +57,10 @@ class Test:
 class Rival:
     """One candidate in one round of the search.
 
-    ``chi2_fall``: what adding it to ``beside`` takes off χ²; ``threshold``: what chance alone would; ``size`` and
-        ``std`` by parameter; ``heldout_nrmse`` where it was tried on left-out runs; ``words`` say for and against.
-    ``where``: part of the fall by run, and by stretch of speed, gap and contact (label → part of the fall).
-    ``refitted``: False where the fall is only what it promises to first order.
+    - ``chi2_fall``: what adding it to ``beside`` takes off χ²; ``threshold``: what chance alone would; ``size`` and
+      ``std`` by parameter; ``heldout_nrmse`` where it was tried on left-out runs; ``words`` say for and against.
+    - ``where``: part of the fall by run, and by stretch of speed, gap and contact (label → part of the fall).
+    - ``refitted``: False where the fall is only what it promises to first order.
     """
 
     name: str

@@ -5,7 +5,8 @@ In a step the coils see the cradle where its present motion takes it, which is e
 cradle goes the same step under the mean of the coils' forces at both ends, by `integrator.integrate`, so contact,
 pulses, effects and their states are as on the averaged track. Both halves are of second order.
 
-`kernel` puts this text behind `circuits`'. SEAM is where the forces stand in P, Q_… where quantities stand in q."""
+`kernel` puts this text behind `circuits`'. ``SEAM`` is where the forces stand in P,
+``Q_…`` where quantities stand in q."""
 
 # ruff: noqa: F821
 # pyright: reportUndefinedVariable=false
