@@ -21,14 +21,17 @@ from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import answer, background, errors, support
 from .experiment import propose
-from .findings import SHAKEN, findings, hidden_by, outlying
+from .findings import SHAKEN, findings, hidden_by
 from .known import uncertainty_of
 from .laws.propose import propose_laws
 from .moves import State, Task
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
 from .settings import FIRST_STEPS, UNDETERMINED
+from .spikes import outlying
 from .strategy import add_background, search
 
+#: Looks for spikes that the model shows, at the most.
+SPIKE_ROUNDS = 4
 #: Why a search was broken off, as the notes say it.
 STOPPED = {"interrupted": INTERRUPTED, "out of time": OUT_OF_TIME}
 
@@ -53,7 +56,9 @@ def diagnose(
     notes = support.inspect(campaign)
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model, seen)
-    if spikes := outlying(problem, base):
+    for _ in range(SPIKE_ROUNDS):  # the first hide others: while they are in, the plant looks shaken
+        if not (spikes := outlying(problem, base)):
+            break
         campaign, seen = set_aside(campaign, spikes), (*seen, *spikes)
         problem, base, undetermined = base_fit(campaign, model, seen)
     notes += support.undetermined(undetermined, base)

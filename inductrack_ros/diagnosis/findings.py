@@ -9,22 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..checks import NOTE, SET_ASIDE, WARNING, Finding
+from ..checks import NOTE, WARNING, Finding
 from ..checks.finding import number, quantity
 from ..core.state import COORDINATES
 from ..estimation.likelihood import settle
 from ..estimation.problem import Problem
 from ..estimation.processes import COLOURED, HUM, JITTER, NOISY_RUN, RUN_TO_RUN, WHITE, Process
-from ..estimation.shooting import Fit, linearise_all
+from ..estimation.shooting import linearise_all
 from . import background
 from .errors import of_runs, own_thetas
 from .moves import State, Task, shaken
 
 #: Noise that differs from what is stated by less than this part of it is not worth a word.
 WORTH_SAYING = 0.1
-#: An innovation of this many standard deviations is a spike: noise has one in a billion readings. More than this part
-#: are none.
-SPIKE, MOST_SPIKES = 6.0, 0.03
 #: Kinds that a fit sees better than the look at the data: where the fit has none, there is none.
 BETTER_SEEN = (COLOURED, HUM, JITTER)
 SHAKEN, BAD_RUN = "shaken", "bad_run"
@@ -36,39 +33,6 @@ def findings(task: Task, state: State) -> tuple[Finding, ...]:
     own += [_of_shaking(task.problem, state, c) for c in shaken(task, state)]
     seen = {(f.kind, f.channel) for f in own}
     return tuple(own) + tuple(h for h in task.hints if h.kind not in BETTER_SEEN and (h.kind, h.channel) not in seen)
-
-
-def outlying(problem: Problem, base: Fit) -> tuple[Finding, ...]:
-    """Single readings that no noise and no motion explains, by channel: far off where the readings before and after are
-    not.
-
-    Beside a contact the look at the data keeps what a blow could have done; the model tells better.
-    """
-    filtered = settle(problem, base.structure, linearise_all(problem, base), base.point, 1).evidence.filtered
-    whitened = [f.whitened[:, 0] for f in filtered]  # during a contact too
-    found = []
-    for c, channel in enumerate(problem.channels):
-        rows, total = {}, 0
-        for data, w in zip(problem.runs, whitened, strict=True):
-            mine = np.flatnonzero(data.channel == c)
-            size = np.abs(w[mine])
-            total += len(mine)
-            beside = np.maximum(np.append(0.0, size[:-1]), np.append(size[1:], 0.0))
-            if (alone := (size > SPIKE) & (beside < 0.5 * size)).any():
-                rows[data.run.name] = tuple(np.searchsorted(data.run.times, data.time[mine[alone]]).tolist())
-        if rows and (count := sum(map(len, rows.values()))) < MOST_SPIKES * total:
-            text = f"{channel} has {count} outliers that the model shows, for neither noise nor motion explains them"
-            found.append(
-                Finding(
-                    "outliers",
-                    SET_ASIDE,
-                    text,
-                    channel=channel,
-                    samples=rows,
-                    size={"count": count, "share": count / total},
-                )
-            )
-    return tuple(found)
 
 
 def _of_process(task: Task, state: State, p: Process) -> Finding | None:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.state import OUTPUTS
-from ..estimation.kalman import LinearRun
+from ..estimation.kalman import MUTE, LinearRun
 from ..estimation.likelihood import weigh
 from ..estimation.linear import outputs_of, read
 from ..estimation.problem import Problem
@@ -22,8 +22,6 @@ from ..estimation.scores import SHARES, Background
 from ..estimation.shooting import Fit, fit
 from ..estimation.structure import Structure
 
-#: A variance at which a reading says nothing.
-MUTE = 1e12
 #: A coordinate that may be off by so many sigmas is not heard where the sensor shows less than this part of that. The
 #: trajectory says where, not the readings: those at the end of a range are the ones with the largest noise.
 REACH, HEARD = 3.0, 0.9

@@ -22,6 +22,9 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+#: A variance at which a reading says nothing.
+MUTE = 1e12
+
 
 @dataclass(frozen=True)
 class LinearRun:

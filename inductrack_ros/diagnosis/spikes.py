@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single bad readings that the fitted model shows and the look at the data could not: beside a contact and at a run's
+ends a blow might have done it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..checks import SET_ASIDE, Finding
+from ..estimation.kalman import MUTE, LinearRun
+from ..estimation.likelihood import settle
+from ..estimation.problem import Problem, RunData
+from ..estimation.shooting import Fit, linearise_all
+
+#: A reading so many standard deviations off is a spike: noise has one in a billion readings. More than this part are
+#: none, nor is one whose neighbours are off by this part of it without it.
+SPIKE, MOST_SPIKES, ALONE = 6.0, 0.03, 0.5
+
+
+def outlying(problem: Problem, base: Fit) -> tuple[Finding, ...]:
+    """Single readings that no noise and no motion explains, by channel: far from what all other readings say of them,
+    while those before and after are not."""
+    systems = linearise_all(problem, base)
+    off = _deleted_residuals(problem, base, systems)
+    peaks = [_peaks(data, size) for data, size in zip(problem.runs, off, strict=True)]
+    if not any(p.any() for p in peaks):
+        return ()
+    muted = [replace(s, variance=np.where(p, MUTE, s.variance)) for s, p in zip(systems, peaks, strict=True)]
+    rest = _deleted_residuals(problem, base, muted)
+    alone = [
+        p & (_beside(data, r) < ALONE * size) for data, p, size, r in zip(problem.runs, peaks, off, rest, strict=True)
+    ]
+    found = []
+    for c, channel in enumerate(problem.channels):
+        rows = {
+            data.run.name: tuple(np.searchsorted(data.run.times, data.time[a & (data.channel == c)]).tolist())
+            for data, a in zip(problem.runs, alone, strict=True)
+            if (a & (data.channel == c)).any()
+        }
+        total = sum(int((data.channel == c).sum()) for data in problem.runs)
+        if rows and (count := sum(map(len, rows.values()))) < MOST_SPIKES * total:
+            text = f"{channel} has {count} outliers that the model shows, for neither noise nor motion explains them"
+            size = {"count": count, "share": count / total}
+            found.append(Finding("outliers", SET_ASIDE, text, channel=channel, samples=rows, size=size))
+    return tuple(found)
+
+
+def _deleted_residuals(problem: Problem, base: Fit, systems: Sequence[LinearRun]) -> list[np.ndarray]:
+    """Of each run, how far each reading (m,) is from what all others say of it, in standard deviations (auxiliary
+    residuals, de Jong and Penzer 1998)."""
+    smooth = settle(problem, base.structure, systems, base.point, 1).smooth
+    return [np.sqrt(s.of_readings[0] / np.maximum(s.of_readings[1], 1e-300)) for s in smooth]
+
+
+def _peaks(data: RunData, size: np.ndarray) -> np.ndarray:
+    """Readings (m,) beyond `SPIKE` that no neighbour in their channel exceeds."""
+    return (size > SPIKE) & (size >= _beside(data, size))
+
+
+def _beside(data: RunData, size: np.ndarray) -> np.ndarray:
+    """The larger of the sizes (m,) of the readings before and after each, in its channel."""
+    found = np.zeros(len(size))
+    for c in np.unique(data.channel):
+        mine = np.flatnonzero(data.channel == c)
+        found[mine] = np.maximum(np.append(0.0, size[mine[:-1]]), np.append(size[mine[1:]], 0.0))
+    return found
