@@ -23,8 +23,8 @@ WHITE, NOISY_RUN, COLOURED, HUM, JITTER, RUN_TO_RUN, IMPACT, ROUNDED = (
 #: Kinds that are there or not; their size is not sought.
 HELD = (IMPACT, ROUNDED)
 #: States that each kind adds to a run, and parameters that it has to be found.
-STATES = {WHITE: 0, NOISY_RUN: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
-FREEDOM = {WHITE: 1, NOISY_RUN: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 1}
+STATES = {WHITE: 0, NOISY_RUN: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 0}
+FREEDOM = {WHITE: 1, NOISY_RUN: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 0}
 #: A process of this size is none: its share of the noise, s, share of a typical size.
 NONE = {
     WHITE: 1e-2,
@@ -40,6 +40,8 @@ NONE = {
 #: that the normal force stays what the model says, for friction hangs on it; large enough that the nodes of a stiff
 #: contact find their place.
 LOOSE, TIGHT = 0.1, 5e-3
+#: Terms of a sawtooth's Fourier series.
+TERMS = 40
 #: The rates that an impact changes, and how fast each turns per m/s of it.
 STRUCK, STRUCK_BY = slice(5, 8), np.array([1.0, 1.0, 10.0])
 
@@ -51,8 +53,8 @@ class Process:
     ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude; noisy run: of
     every channel in that run), in s (jitter),
     in typical sizes (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right
-    to the last micrometre), of the share of a rounding error that the model foretells (quantised, its step in
-    ``time``); never above ``most``. ``time`` (s) is the correlation time of coloured noise and the period of a hum."""
+    to the last micrometre), of the noise beside the rounding in steps (quantised, its step in ``time``); never above
+    ``most``. ``time`` (s) is the correlation time of coloured noise and the period of a hum."""
 
     kind: str
     on: str = ""
@@ -71,7 +73,7 @@ def augmented(
 ) -> LinearRun:
     """Run i's linear system with the states of all processes behind its own."""
     data = problem.runs[i]
-    variance, kicked = system.variance.copy(), system.kicks.copy()
+    variance, kicked, y = system.variance.copy(), system.kicks.copy(), system.data.copy()
     for p in processes:
         if p.kind == WHITE:
             variance[data.channel == problem.channels.index(p.on)] *= p.size**2
@@ -80,7 +82,9 @@ def augmented(
         if p.kind == IMPACT:
             kicked[system.touching, STRUCK] += (p.size * STRUCK_BY) ** 2
             variance += _struck_since(data, system) @ (p.size * STRUCK_BY) ** 2
-    system = replace(system, variance=variance, kicks=kicked)
+        if p.kind == ROUNDED:
+            y[:, 0] -= rounding(problem, data, system, p)
+    system = replace(system, variance=variance, kicks=kicked, data=y)
     carrying = [p for p in processes if STATES[p.kind]]
     if not carrying:
         return system
@@ -147,10 +151,6 @@ def _block(problem: Problem, structure: Structure, data: RunData, system: Linear
         H[mine, 0] = _rates(problem, data, system)[mine]
         kicks[:, 0] = p.size**2
         return _Block(H, F, coupling, kicks, p.size)
-    if p.kind == ROUNDED:
-        H[mine, 0] = _rounding(problem, data, system, p.time)[mine]
-        F[:, 0, 0] = 1.0
-        return _Block(H, F, coupling, kicks, p.size)
     k = 1 + structure.free.index(p.on)
     H[mine, 0] = -system.data[mine, k]
     F[:, 0, 0] = 1.0
@@ -158,14 +158,21 @@ def _block(problem: Problem, structure: Structure, data: RunData, system: Linear
     return _Block(H, F, coupling, kicks, p.size)
 
 
-def _rounding(problem: Problem, data: RunData, system: LinearRun, step: float) -> np.ndarray:
-    """What rounding to the readings' own grid would do to what is predicted, (m,), in its noise."""
-    sigma = problem.sigma[data.channel]
-    predicted = data.y - system.data[:, 0] * sigma
-    phase = data.y % step
-    return np.where(
-        system.data[:, 0] != 0.0, (np.round((predicted - phase) / step) * step + phase - predicted) / sigma, 0.0
-    )
+def rounding(problem: Problem, data: RunData, system: LinearRun, p: Process) -> np.ndarray:
+    """What rounding to the readings' own grid does on average to what is predicted, (m,), in its noise; 0 in other
+    channels.
+
+    Noise beside the rounding spreads a reading near a cell's edge over two cells: of the sawtooth's Fourier series each
+    term is as much smaller as a normal dither makes it (Schuchman 1964)."""
+    mine = (data.channel == problem.channels.index(p.on)) & (system.data[:, 0] != 0.0)
+    sigma = problem.sigma[problem.channels.index(p.on)]
+    predicted = data.y[mine] - system.data[mine, 0] * sigma
+    turn = 2.0 * np.pi * (predicted - data.y[mine] % p.time) / p.time
+    k = np.arange(1, TERMS + 1)[:, None]
+    terms = (-1.0) ** k / (np.pi * k) * np.exp(-2.0 * (np.pi * k * p.size) ** 2) * np.sin(k * turn)
+    found = np.zeros(len(data.y))
+    found[mine] = p.time * terms.sum(axis=0) / sigma
+    return found
 
 
 def _rates(problem: Problem, data: RunData, system: LinearRun) -> np.ndarray:
@@ -180,12 +187,12 @@ def _rates(problem: Problem, data: RunData, system: LinearRun) -> np.ndarray:
 
 
 def offsets(system: LinearRun, wide: LinearRun, deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What smoothed processes (their states behind the run's own in ``deviations`` (n, N + e)) add to the readings
-    (m,), in noise, and to the way to the next node (n, N)."""
+    """What processes add to the readings (m,), in noise, and to the way to the next node (n, N): smoothed ones (their
+    states behind the run's own in ``deviations`` (n, N + e)), and rounding."""
     N = system.transitions.shape[1]
     extra = deviations[:, N:]
     node = np.repeat(np.arange(len(extra)), np.diff(system.first))
-    readings = np.einsum("me,me->m", wide.sensitivity[:, N:], extra[node])
+    readings = np.einsum("me,me->m", wide.sensitivity[:, N:], extra[node]) + system.data[:, 0] - wide.data[:, 0]
     return readings, np.einsum("nae,ne->na", wide.transitions[:, :N, N:], extra)
 
 
