@@ -29,20 +29,34 @@ def spoiled(campaign, planted):
 
 
 def test_all_that_were_planted_are_found_and_no_others(touching):
-    problem, base, _ = base_fit(spoiled(touching, PLANTED), Model.default())
+    campaign = spoiled(touching, PLANTED)
+    problem, base, _ = base_fit(campaign, Model.default())
     assert any(t.any() for t in base.touching)
-    found = {(f.channel, run, row) for f in outlying(problem, base) for run, rows in f.samples.items() for row in rows}
+    found = {
+        (f.channel, run, row)
+        for f in outlying(problem, base, campaign)
+        for run, rows in f.samples.items()
+        for row in rows
+    }
     assert found == {(channel, f"run_{run}", row) for run, channel, row, _ in PLANTED}
 
 
 def test_a_clean_campaign_has_none(touching):
-    problem, base, _ = base_fit(touching, Model.default())
-    assert outlying(problem, base) == ()
+    campaign = touching
+    problem, base, _ = base_fit(campaign, Model.default())
+    assert outlying(problem, base, campaign) == ()
 
 
 def test_a_model_that_lacks_an_effect_makes_no_spikes():
     """What is off for many readings is no bad reading."""
     rig = Model.create(effects={"joint_step": {"place": 4.0, "height": 1e-3}})
-    problem, base, _ = base_fit(simulated([14.0, 18.0, 22.0], seconds=0.5, model=rig), Model.default())
-    assert outlying(problem, base) == ()
+    campaign = simulated([14.0, 18.0, 22.0], seconds=0.5, model=rig)
+    problem, base, _ = base_fit(campaign, Model.default())
+    assert outlying(problem, base, campaign) == ()
     assert np.max(base.power) > 0.0
+
+
+def test_noise_larger_than_stated_makes_no_spikes(touching):
+    loud = simulated([9.0, 10.0, 12.0, 14.0], seconds=0.5, rate=200.0, scale=3.0)
+    problem, base, _ = base_fit(loud, Model.default())
+    assert outlying(problem, base, loud) == ()

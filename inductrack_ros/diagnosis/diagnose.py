@@ -56,11 +56,13 @@ def diagnose(
     notes = support.inspect(campaign)
     tell("fitting what is known")
     problem, base, undetermined = base_fit(campaign, model, seen)
+    spikes: tuple[Finding, ...] = ()
     for _ in range(SPIKE_ROUNDS):  # the first hide others: while they are in, the plant looks shaken
-        if not (spikes := outlying(problem, base)):
+        if (more := outlying(problem, base, campaign, spikes)) == spikes:
             break
-        campaign, seen = set_aside(campaign, spikes), (*seen, *spikes)
-        problem, base, undetermined = base_fit(campaign, model, seen)
+        spikes = more
+        problem, base, undetermined = base_fit(set_aside(campaign, spikes), model, (*seen, *spikes))
+    campaign, seen = set_aside(campaign, spikes), (*seen, *spikes)
     notes += support.undetermined(undetermined, base)
     task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
     state = add_background(task, State(base))

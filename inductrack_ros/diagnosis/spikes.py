@@ -4,12 +4,13 @@ ends a blow might have done it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..checks import SET_ASIDE, Finding
+from ..data.campaign import Campaign
 from ..estimation.kalman import MUTE, LinearRun
 from ..estimation.likelihood import settle
 from ..estimation.problem import Problem, RunData
@@ -18,41 +19,60 @@ from ..estimation.shooting import Fit, linearise_all
 #: A reading so many standard deviations off is a spike: noise has one in a billion readings. More than this part are
 #: none, nor is one whose neighbours are off by this part of it without it.
 SPIKE, MOST_SPIKES, ALONE = 6.0, 0.03, 0.5
+#: Half of a normal variable's values are within so many standard deviations.
+HALF = 0.6745
 
 
-def outlying(problem: Problem, base: Fit) -> tuple[Finding, ...]:
+def outlying(problem: Problem, base: Fit, campaign: Campaign, before: Sequence[Finding] = ()) -> tuple[Finding, ...]:
     """Single readings that no noise and no motion explains, by channel: far from what all other readings say of them,
-    while those before and after are not."""
+    while those before and after are not; with those found ``before``, which the fit did not see any more.
+
+    The numbers of the samples are those in ``campaign``."""
     systems = linearise_all(problem, base)
     off = _deleted_residuals(problem, base, systems)
     peaks = [_peaks(data, size) for data, size in zip(problem.runs, off, strict=True)]
     if not any(p.any() for p in peaks):
-        return ()
+        return tuple(before)
     muted = [replace(s, variance=np.where(p, MUTE, s.variance)) for s, p in zip(systems, peaks, strict=True)]
     rest = _deleted_residuals(problem, base, muted)
     alone = [
         p & (_beside(data, r) < ALONE * size) for data, p, size, r in zip(problem.runs, peaks, off, rest, strict=True)
     ]
-    found = []
+    times = {run.name: run.times for run in campaign.runs}
+    known = {f.channel: f for f in before}
     for c, channel in enumerate(problem.channels):
-        rows = {
-            data.run.name: tuple(np.searchsorted(data.run.times, data.time[a & (data.channel == c)]).tolist())
-            for data, a in zip(problem.runs, alone, strict=True)
-            if (a & (data.channel == c)).any()
-        }
+        samples = dict(known[channel].samples) if channel in known else {}
+        for data, a in zip(problem.runs, alone, strict=True):
+            if (mine := a & (data.channel == c)).any():
+                name = data.run.name
+                numbers = np.searchsorted(times[name], data.time[mine]).tolist()
+                samples[name] = tuple(sorted({*samples.get(name, ()), *numbers}))
         total = sum(int((data.channel == c).sum()) for data in problem.runs)
-        if rows and (count := sum(map(len, rows.values()))) < MOST_SPIKES * total:
-            text = f"{channel} has {count} outliers that the model shows, for neither noise nor motion explains them"
-            size = {"count": count, "share": count / total}
-            found.append(Finding("outliers", SET_ASIDE, text, channel=channel, samples=rows, size=size))
-    return tuple(found)
+        count = sum(map(len, samples.values()))
+        if 0 < count < MOST_SPIKES * total:
+            known[channel] = _finding(channel, samples, count, total)
+    return tuple(known.values())
+
+
+def _finding(channel: str, samples: Mapping[str, tuple[int, ...]], count: int, total: int) -> Finding:
+    many = f"{count} outliers" if count > 1 else "one outlier"
+    text = f"{channel} has {many} that the model shows, for neither noise nor motion explains so much"
+    size = {"count": count, "share": count / total}
+    return Finding("outliers", SET_ASIDE, text, channel=channel, samples=samples, size=size)
 
 
 def _deleted_residuals(problem: Problem, base: Fit, systems: Sequence[LinearRun]) -> list[np.ndarray]:
     """Of each run, how far each reading (m,) is from what all others say of it, in standard deviations (auxiliary
-    residuals, de Jong and Penzer 1998)."""
+    residuals, de Jong and Penzer 1998): of the noise, or of what is usual in its channel and run where that is more."""
     smooth = settle(problem, base.structure, systems, base.point, 1).smooth
-    return [np.sqrt(s.of_readings[0] / np.maximum(s.of_readings[1], 1e-300)) for s in smooth]
+    found = []
+    for data, s in zip(problem.runs, smooth, strict=True):
+        off = np.sqrt(s.of_readings[0] / np.maximum(s.of_readings[1], 1e-300))
+        for c in np.unique(data.channel):
+            mine = data.channel == c
+            off[mine] /= max(1.0, float(np.median(off[mine])) / HALF)
+        found.append(off)
+    return found
 
 
 def _peaks(data: RunData, size: np.ndarray) -> np.ndarray:
