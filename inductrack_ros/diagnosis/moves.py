@@ -306,16 +306,21 @@ def _share(task: Task, state: State, name: str) -> float:
 
 def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
     """The state, and those with another known effect in the place of one, or the same from another start, refitted
-    where they come near; cheapest first.
+    where they come near; cheapest first. First order is as wrong of the one itself as of the others: near is what
+    promises nearly as much as it does, and those most alike are tried besides those that promise most.
 
     What candidates promised in the place of the last one is told anew: it was screened beside a poorer fit.
     """
     task.say(f"what could stand in the place of {name}")
     smaller = without(task, state, name, ANEW)
     screening = screened(task, smaller)
-    own = [s for s in screening.sets if len(s.members) == 1 and (s.members[0].name != name or s.members[0].start)]
-    reach = state.fit.deviance + NEAR
-    near = [s for s in own if s.deviance < reach][:REFITTED]
+    singles = [s for s in screening.sets if len(s.members) == 1]
+    own = [s for s in singles if s.members[0].name != name or s.members[0].start]
+    promised = next((s.deviance for s in singles if s.members[0].name == name), -np.inf)
+    reach = max(state.fit.deviance, promised) + NEAR
+    near = [s for s in own if s.deviance < reach]
+    alike = sorted(near, key=lambda s: abs(s.deviance - promised))[:REFITTED]
+    near = near[:REFITTED] + [s for s in alike if s not in near[:REFITTED]]
     tried = all_refitted(task, smaller, near, screening.family)
     close = [settled(task, t) if t.fit.deviance < state.fit.deviance + TWINS * 3 else t for t in tried]
     rounds = tuple((beside, screening if beside == smaller.added else old) for beside, old in state.rounds)
