@@ -225,9 +225,7 @@ def _read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict
     """The topics (by key) in one pass over the bag; those without messages are left out."""
     for key in wanted.keys() & {"pose"}:
         if not bag.topics[wanted[key]].count:
-            raise InputError(
-                f"{bag.path}: topic {wanted[key]}: no messages; record it again or {_set(key, bag.topics)}"
-            )
+            raise InputError(f"{bag.path}: topic {wanted[key]}: no messages; record it again, or {_set(key)}")
     return read_streams(bag, {key: topic for key, topic in wanted.items() if bag.topics[topic].count}, notes)
 
 
