@@ -86,7 +86,7 @@ class Fit:
     @property
     def leaves_noise(self) -> bool:
         """Whether χ² is what noise would leave, if its stated level may be a little wrong."""
-        return bool(self.chi2 < (1 + NOISE_TOLERANCE) ** 2 * (self.samples + NOISE * np.sqrt(2 * self.samples)))
+        return self.chi2 < most_noise(self.samples)
 
     @property
     def rough(self) -> bool:
@@ -104,6 +104,11 @@ class Fit:
         held = np.trace(self.covariance @ self.structure.precision)
         used = len(self.theta) - held + sum(len(part.free_states) for part in self.linear)
         return float(self.chi2 / max(self.samples - used, 1))
+
+
+def most_noise(samples: int) -> float:
+    """The largest χ² of so many samples that is still noise, if its stated level may be a little wrong."""
+    return float((1 + NOISE_TOLERANCE) ** 2 * (samples + NOISE * np.sqrt(2 * samples)))
 
 
 def chi_square(residuals: Sequence[np.ndarray]) -> float:
