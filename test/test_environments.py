@@ -50,6 +50,12 @@ def test_a_user_without_home_and_a_package_that_cannot_be_written(tmp_path, home
     )  # fmt: skip
     assert done.returncode == 0 and "101 samples" in done.stdout and not done.stderr, done.stderr
     assert (tmp_path / "run.csv").exists()
+    estimation = AS_NOBODY.replace("inductrack_ros.cli", "inductrack_ros.estimation.kalman")
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", estimation],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
 
 
 def test_no_home_no_user_no_cache(tmp_path, monkeypatch):

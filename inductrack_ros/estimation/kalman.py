@@ -19,8 +19,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+
+from ..core.cache import compiled_once
 
 #: A variance at which a reading says nothing.
 MUTE = 1e12
@@ -162,7 +163,7 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
     return Smoothed(deviations, adjoint, found, expected, of_states, of_readings)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled_once
 def _triangularised(a, rows, columns):
     """Householder reflections from the right make ``a`` (rows, columns) lower triangular in its first ``rows``
     columns."""
@@ -194,7 +195,7 @@ def _triangularised(a, rows, columns):
             a[i, j] = 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled_once
 def _filter(
     first,
     H,
@@ -286,7 +287,7 @@ def _filter(
                 S[a, b] = wide[a, b]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled_once
 def _smoother(
     first,
     H,
