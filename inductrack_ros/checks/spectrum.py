@@ -8,6 +8,7 @@ the filter is divided out."""
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 
 from ..data import Campaign
 from ..data.measurement import Array
@@ -134,8 +135,10 @@ def _line(frequency: Array, power: Array, gains: Array, count: int) -> tuple[flo
     flat = np.median(power)
     peak = int(np.argmax(power[WIDTH:-WIDTH])) + WIDTH if len(power) > 4 * WIDTH else 0
     near = slice(peak - WIDTH, peak + WIDTH + 1)
-    # the median of n exponential powers scatters by about 1/√n of itself
-    if not peak or power[peak] < flat * (1.0 + 2.0 * levels.sigmas(len(power)) / np.sqrt(count)):
+    # The power of noise is exponential; of a median of so many, the share that is below it is a beta variable.
+    middle = (count + 1) / 2.0
+    share = stats.beta.isf(stats.norm.sf(levels.sigmas(len(power))), middle, middle)
+    if not peak or power[peak] < flat * -np.log1p(-share) / np.log(2.0):
         return None
     if power[near][0] > power[peak] / 3.0 or power[near][-1] > power[peak] / 3.0:
         return None
