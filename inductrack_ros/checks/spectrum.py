@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The noise's colour and a hum, from the upper part of each channel's spectrum, where a cradle's motion has died away.
 
-Of every stretch with even steps the deviations from the neighbours' cubics are taken, whose spectrum is that of the
-channel times a known filter (2 − 2 cos ω)⁴/36/(70/36): motion is held down and white noise comes out flat again once
-the filter is divided out."""
+Every stretch with even steps gives its deviations from the neighbours' cubics. Their spectrum is that of the channel
+times a known filter, (2 − 2 cos ω)⁴/36/(70/36). The filter holds motion down. White noise comes out flat again once the
+filter is divided out."""
 
 from __future__ import annotations
 
@@ -118,8 +118,9 @@ def _colour(cycles: Array, power: Array, count: int) -> tuple[float, float]:
 
 
 def _with_size(cycles: Array, power: Array, count: int, stated: float, free: float) -> float:
-    """The correlation with which first-order noise of the stated size has this spectrum, where it has it about as well
-    as with any size: of noise with a long memory the spectrum above the motion shows the size of the steps only."""
+    """The correlation with which first-order noise of the stated size has this spectrum, if it fits about as well as
+    noise of any size; else ``free``. Of a long memory the spectrum above the motion shows the size of the steps only.
+    """
     trials = np.linspace(0.01, 0.995, 198)
     models = np.stack([stated**2 * (1 - r**2) * _shape(r, cycles) for r in trials])
     misfits = (np.log(models) + power / models).sum(axis=1)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The run that would settle what is open: T-optimal design over a menu (Atkinson and Fedorov).
 
-For each run of the menu the truth is taken to be the chosen model; each rival is given its best chance by refitting the
-run's initial state and its parameters within what is known of them, and what difference remains is its separation in
-sigmas. No run leaves the limits that the campaign gives."""
+For each run of the menu the truth is taken to be the chosen model. Each rival gets its best chance: the run's initial
+state and the rival's parameters are refitted within what is known of them. The difference that remains is its
+separation in sigmas. No run leaves the limits that the campaign gives."""
 
 from __future__ import annotations
 

@@ -62,8 +62,10 @@ def _finding(channel: str, samples: Mapping[str, tuple[int, ...]], count: int, t
 
 
 def _deleted_residuals(problem: Problem, base: Fit, systems: Sequence[LinearRun]) -> list[np.ndarray]:
-    """Of each run, how far each reading (m,) is from what all others say of it, in standard deviations (auxiliary
-    residuals, de Jong and Penzer 1998): of the noise, or of what is usual in its channel and run where that is more."""
+    """How far each reading (m,) of each run is from what all others say of it (auxiliary residuals, de Jong and Penzer
+    1998).
+
+    The unit is a standard deviation, or what is usual in the channel and run where that is more."""
     smooth = settle(problem, base.structure, systems, base.point, 1).smooth
     found = []
     for data, s in zip(problem.runs, smooth, strict=True):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a log or a rig does besides the model and white noise, as further states of the linear system of a run.
 
-Each process is linear and Gaussian with one variance (and perhaps a time) to be found by marginal likelihood: noise of
-another size, noise with a memory (Ornstein–Uhlenbeck, for irregular samples too), a hum, stamps that jitter, and a
+Each process is linear and Gaussian. Its variance, and perhaps a time, is found by marginal likelihood. There are noise
+of another size, noise with a memory (Ornstein–Uhlenbeck, for irregular samples too), a hum, stamps that jitter, and a
 parameter that differs from run to run. A process competes with physics on equal terms: both are judged by the deviance
 they take away."""
 
@@ -50,11 +50,16 @@ STRUCK, STRUCK_BY = slice(5, 8), np.array([1.0, 1.0, 10.0])
 class Process:
     """One process: its kind, the channel, run or free parameter it is ``on``, its size and its time.
 
-    ``size`` is a standard deviation: over the channel's noise (white, coloured, hum: of its amplitude; noisy run: of
-    every channel in that run), in s (jitter),
-    in typical sizes (run to run), in m/s at each node of a contact (impact: contact is stiff, and no law of it is right
-    to the last micrometre), of the noise beside the rounding in steps (quantised, its step in ``time``); never above
-    ``most``. ``time`` (s) is the correlation time of coloured noise and the period of a hum."""
+    ``size`` is a standard deviation, never above ``most``. Its unit depends on the kind:
+
+    - white, coloured, hum (its amplitude): the channel's noise; noisy run: the noise of every channel in that run
+    - jitter: s
+    - run to run: typical sizes of the parameter
+    - impact: m/s at each node of a contact. Contact is stiff, and no law of it is right to the last micrometre.
+    - quantised: steps, of the noise beside the rounding
+
+    ``time`` is the correlation time (s) of coloured noise, the period (s) of a hum, and the step of rounded readings.
+    """
 
     kind: str
     on: str = ""
