@@ -47,9 +47,10 @@ def some_blocks(count: int) -> list[slice]:
 def predictions(
     times: Array, values: Array, reaches: tuple[tuple[int, int], ...] = REACHES, at: NDArray[np.intp] | None = None
 ) -> tuple[Array, Array]:
-    """Predictions (p, m) of the samples ``at`` by the cubic through four neighbours, for each of the p reaches. Besides,
-    the standard deviation (p, m) of measured minus predicted for noise of size 1. ``at`` are numbers of samples; unless
-    given, all inner ones (``MARGIN … n − MARGIN``).
+    """Predictions (p, m) of the samples ``at`` by the cubic through four neighbours, for each of the p reaches.
+
+    Besides, the standard deviation (p, m) of measured minus predicted for noise of size 1. ``at`` are numbers of
+    samples; unless given, all inner ones (``MARGIN … n − MARGIN``).
 
     times, values: (n,).
     """

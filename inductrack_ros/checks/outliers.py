@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples that are none of their channel's: fillers written where nothing was measured, spikes, a single bad cell.
 
-What a cradle can do is not set aside, however odd it looks: it may swing in one run and lie still in all others, and
-where it may touch the track a sample can be anything that `touch.Touch` bounds. A drive's pulse is a spike of
+What a cradle can do is not set aside, however odd it looks. It may swing in one run and lie still in all others. Where
+it may touch the track a sample can be anything that `touch.Touch` bounds. A drive's pulse is a spike of
 surge_acceleration."""
 
 from __future__ import annotations

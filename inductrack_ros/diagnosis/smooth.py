@@ -30,7 +30,7 @@ def smoothest_of(gram: np.ndarray, score: np.ndarray, samples: int) -> Smooth:
     ``samples`` measurements over noise.
 
     Before the data, a value is known as well as one average measurement would tell it (unit information prior, Kass and
-    Wasserman 1995): so the price of a table hangs neither on units nor on the size of the rig."""
+    Wasserman 1995). So the price of a table hangs neither on units nor on the size of the rig."""
     unit = max(np.trace(gram) / len(gram), 1e-12)  # where no run has been at all, any will do
     bent = bending(len(gram))
     bends = np.maximum(np.linalg.eigvalsh(bent), 0.0)
