@@ -178,3 +178,9 @@ def test_a_temperature_in_kelvin_is_named(pose, model):
 
 def test_nothing_of_this_in_a_clean_campaign(pose, everything, model):
     assert not look(pose, model) and not look(everything, model)
+
+
+def test_a_short_clean_run_does_not_hum(model):
+    """The median of eight spectra scatters further up than that of many."""
+    short = flown([(7000.0, {"surge_rate": 18.0, "sway": 2e-3})], POSE, count=300, step=4e-3, seed=53)
+    assert not [f.line for f in look(short, model) if f.kind == "hum"]
