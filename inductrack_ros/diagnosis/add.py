@@ -17,13 +17,12 @@ from ..core.errors import InputError
 from ..core.model import Model
 from ..data.campaign import Campaign
 from ..estimation.scores import Background
-from ..estimation.shooting import linearise_all
 from . import support
 from .diagnose import base_fit, diagnosis_of
-from .moves import State, Task, law_price, refitted, screened, settled, shaken
+from .moves import State, Task, refitted, screened, settled
 from .result import Diagnosis
-from .screening import Candidate, CandidateSet, laws
-from .strategy import add_background
+from .screening import Candidate, CandidateSet
+from .strategy import add_background, add_known, add_unknown
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # as `diagnose` is
@@ -83,8 +82,6 @@ def _as_it_is(state: State, name: str, parameters: int) -> CandidateSet:
 
 
 def _something_left(task: Task, state: State) -> bool:
-    """Whether another known effect, or a force of any shape, explains more than chance would; the last round is the
-    screening beside it."""
-    found, systems = state.rounds[-1][1], linearise_all(task.problem, state.fit)
-    law = next(iter(laws(task.problem, state.fit, systems, shaken(task, state, systems))), None)
-    return bool(found.sets) and found.sets[0].cost < found.scores.plain or law is not None and law.gain > law_price()
+    """Whether the search would go on: add another known effect, or a force of any shape, that keeps what it
+    promises."""
+    return any(stage(task, state).added != state.added for stage in (add_known, add_unknown))
