@@ -247,6 +247,8 @@ def lean(problem: Problem, f: Fit, given: Sequence[str]) -> Fit:
 
 def dithered(problem: Problem, f: Fit) -> Fit:
     """A fit with the noise beside each rounding that leaves the smallest residuals."""
+    if not any(p.kind == ROUNDED for p in f.processes):
+        return f
     plain = linearise_all(problem, f)
 
     def left(p: Process) -> float:

@@ -19,7 +19,7 @@ from ..estimation.likelihood import NO_POWER, tally
 from ..estimation.linear import acting, force_columns, histories, outputs_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
-from ..estimation.scores import TWO_SHARES, Background, Scores, scores, widened
+from ..estimation.scores import TWO_SHARES, Background, Scores, scores, shares_of, widened
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from . import placed, unheard
@@ -31,6 +31,9 @@ from .smooth import Smooth, smoothest_of
 WAVES = "guideway_waviness"
 SHORTEST_WAVE, WAVE_STARTS, HIGHEST_WAVE = catalogue()[WAVES].parameters["wavelength"].fit_from, 2, 1e-3
 TOTALS = ("force_surge", "force_sway", "force_heave", "moment_roll")
+#: Shares of the power beside which a force of any shape is asked for, where something is known to be missing and where
+#: not.
+FINE_SHARES, COARSE_SHARES = (1.0, 1e-2, 1e-4), (1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -232,7 +235,7 @@ def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tup
 
     tried = []
     for some in np.array_split(numbers, max(1, len(numbers) // 60)):
-        for power in _two_powers(fit):
+        for power in shares_of(fit.power, TWO_SHARES):
             deviances, sizes = _each(
                 problem, fit, systems, [parts(i, some) for i in range(len(problem.runs))], 2, power
             )
@@ -253,11 +256,6 @@ def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tup
         if len(found) == WAVE_STARTS:
             break
     return found
-
-
-def _two_powers(fit: Fit) -> list[np.ndarray]:
-    """The fitted power of the disturbances and next to none of it."""
-    return [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in TWO_SHARES]
 
 
 def _each(
@@ -372,7 +370,7 @@ def laws(
             return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
         every = problem.for_runs(parts)
-        for power in _levels(fit, on in fine):
+        for power in shares_of(fit.power, FINE_SHARES if on in fine else COARSE_SHARES):
             gram, score, base = _blocks(problem, fit, systems, every, [t[3] for t in tables], power)
             for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
                 table = smoothest_of(A, b, problem.samples)
@@ -403,11 +401,6 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     gram = (whole[np.ix_(m, m)] - cross.T @ inverse @ cross) / np.outer(scale, scale)
     score = -(whole[m, 0] + cross.T @ step) / scale
     return smoothest_of(gram, gram @ (fit.theta[mine] * scale) + score, problem.samples)
-
-
-def _levels(fit: Fit, fine: bool) -> list[np.ndarray]:
-    shares = (1.0, 1e-2, 1e-4) if fine else (1.0, 0.0)
-    return [np.where(share * fit.power > NO_POWER, share * fit.power, 0.0) for share in shares]
 
 
 def _sizes(variable: str, fine: bool) -> tuple[int, ...]:

@@ -5,13 +5,12 @@ ends a blow might have done it."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ..checks import SET_ASIDE, Finding
 from ..data.campaign import Campaign
-from ..estimation.kalman import MUTE, LinearRun
+from ..estimation.kalman import LinearRun
 from ..estimation.likelihood import settle
 from ..estimation.problem import Problem, RunData
 from ..estimation.shooting import Fit, linearise_all
@@ -33,7 +32,7 @@ def outlying(problem: Problem, base: Fit, campaign: Campaign, before: Sequence[F
     peaks = [_peaks(data, size) for data, size in zip(problem.runs, off, strict=True)]
     if not any(p.any() for p in peaks):
         return tuple(before)
-    muted = [replace(s, variance=np.where(p, MUTE, s.variance)) for s, p in zip(systems, peaks, strict=True)]
+    muted = [s.muted(p) for s, p in zip(systems, peaks, strict=True)]
     rest = _deleted_residuals(problem, base, muted)
     alone = [
         p & (_beside(data, r) < ALONE * size) for data, p, size, r in zip(problem.runs, peaks, off, rest, strict=True)

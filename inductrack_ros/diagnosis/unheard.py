@@ -8,7 +8,6 @@ what the data want without these readings (censored data)."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -52,7 +51,7 @@ def promised(
 ) -> tuple[float, Background]:
     """The deviance without these readings, each of which costs what noise would, at the power that suits best, and the
     background there; ``price`` is what its processes cost by chance."""
-    muted = [replace(s, variance=np.where(d, MUTE, s.variance)) for s, d in zip(systems, dead, strict=True)]
+    muted = [s.muted(d) for s, d in zip(systems, dead, strict=True)]
     full = problem.for_runs(lambda i: augmented(problem, f.structure, i, muted[i], f.processes))
     powers = [share * f.power for share in SHARES]
     deviances = [weigh(problem, f.structure, full, f.theta, power).deviance for power in powers]

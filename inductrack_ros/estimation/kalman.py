@@ -17,7 +17,7 @@ smoother is Bryson and Frazier's in its modified form (Bierman 1973), which neve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,10 @@ class LinearRun:
         likelihood, Cox 1975)."""
         node = np.repeat(np.arange(len(self.spacing)), np.diff(self.first))
         return ~(self.touching[node] & self.struck)
+
+    def muted(self, which: np.ndarray) -> LinearRun:
+        """The run in which some readings (m,) say nothing."""
+        return replace(self, variance=np.where(which, MUTE, self.variance))
 
 
 @dataclass(frozen=True)

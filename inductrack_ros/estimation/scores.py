@@ -116,11 +116,16 @@ def scores(
     structure, levels = fit.structure, []
     for background in backgrounds or (Background(fit.power, fit.processes),):
         full = problem.for_runs(lambda i, b=background: augmented(problem, structure, i, wide[i], b.processes))
-        powers = [np.where(share * background.power > NO_POWER, share * background.power, 0.0) for share in shares]
+        powers = shares_of(background.power, shares)
         distinct = [p for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
         levels += [_level(problem, full, power, background) for power in distinct]
     pull = structure.precision @ (structure.centre - fit.theta)
     return Scores(len(fit.theta), structure.precision, pull, places, tuple(levels))
+
+
+def shares_of(power: np.ndarray, shares: Sequence[float]) -> list[np.ndarray]:
+    """Shares of a power (4,), exactly 0 where nothing is left of it."""
+    return [np.where(share * power > NO_POWER, share * power, 0.0) for share in shares]
 
 
 def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
