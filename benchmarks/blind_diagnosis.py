@@ -7,12 +7,14 @@ library.
     python benchmarks/blind_diagnosis.py --kind dirty --seed 31001 --twin     # the same campaigns without their dirt
     python benchmarks/blind_diagnosis.py --kind dirty_complete --seed 32001   # nothing is missing: false alarms
     python benchmarks/blind_diagnosis.py --kind dirty --dirt shaken --dirt spikes --campaigns 5
+    python benchmarks/blind_diagnosis.py --kind law --seed 41001              # an unknown force by a law that is drawn
     python benchmarks/blind_diagnosis.py --kind loop --seed 33001             # flown by this package's own controller
     python benchmarks/blind_diagnosis.py --peers | --perturb | --whole   # other tools; other last bits; all effects
 
 Prints each campaign as it is done. Then, for ideal, dirty and loop campaigns: how many are right, false alarms, the
 findings told of those expected, the coverage of the 95 % intervals and the processor time; how often each effect was
-found beside the power of an ideal test; the confusion of verdicts; the error on runs never seen. With ``--peers`` the
+found beside the power of an ideal test; the confusion of verdicts; the error on runs never seen; of laws, what
+docs/laws.md tells. With ``--peers`` the
 same campaigns are put to what users of other tools would do (`peers`), judged alike. With ``--perturb`` each diagnosis
 is made again of readings changed by 1e-12 of themselves."""
 

@@ -19,10 +19,11 @@ from inductrack_ros.diagnosis.diagnose import diagnose
 
 from . import loop
 from .judge import heldout_error, judge, judge_findings, off
+from .judge_law import judge_law, law_line
 from .last_bits import agrees
 
 #: All that can be drawn.
-KINDS = (*campaigns.KINDS, *campaigns.DIRTY, *loop.KINDS)
+KINDS = (*campaigns.KINDS, *campaigns.BESIDES, *campaigns.DIRTY, *loop.KINDS)
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,8 @@ def answer(seed: int, asked: Asked) -> dict:
         row |= {"seconds": time.perf_counter() - began, "cpu": time.process_time() - used}
         row |= judge(truth, found) | _of_answer(truth, found)
         row["error"] = heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"])
+        if any("law" in u for u in truth.get("unknown", [])):
+            row["law"] = judge_law(truth, found, Path(f"{folder}.heldout"), row["error"])
         if asked.perturb:
             row["same"] = agrees(campaign, model, found, seed)
         return row
@@ -91,13 +94,19 @@ def _of_truth(seed: int, truth: dict, campaign: Campaign) -> dict:
         "dirt": [d["name"] for d in truth.get("dirt", [])],
         "signals": signals,
         "ideal": {n: c.get("ideal_signal", signals[n]) for n, c in truth.get("clarity", {}).items()},
-        "clarity": min(signals.values(), default=0.0),
+        "clarity": min([*signals.values(), *_not_imitated(truth)], default=0.0),
         "design": truth["plan"]["design"],
         "samples": int(sum(r.measured.sum() for r in campaign.runs)),
         "channels": len(campaign.channels),
         # of a diagnosis that gives no answer
         "found": [], "twins": {}, "found_unknown": None, "off": {}, "error": None,
     }  # fmt: skip
+
+
+def _not_imitated(truth: dict) -> list[float]:
+    """What the nearest known effect leaves of a law that is hidden."""
+    left = [c["imitations"].values() for c in truth.get("clarity", {}).values() if "imitations" in c]
+    return [min(x) for x in left if x] if any("law" in u for u in truth.get("unknown", [])) else []
 
 
 def _of_answer(truth: dict, found) -> dict:
@@ -142,6 +151,7 @@ def line(row: dict) -> str:
         f"lost {[tuple(w.values())[:2] for w in told['lost']]}" if told.get("lost") else "",
         f"clarity {row['clarity']:.0f}",
         f"error {row['error']:.3g}" if row["error"] is not None else "",
+        law_line(row["law"]) if "law" in row else "",
         f"cpu {row['cpu']:.0f} s",
         f"{row['samples']} samples",
         "out of time" if row.get("unfinished") else "",

@@ -13,7 +13,7 @@ from scipy import stats
 
 from inductrack_ros.diagnosis.settings import LEVEL
 
-from . import loop
+from . import law_table, loop
 from .ask import KINDS
 
 #: Signal over noise, nuisance refitted, above which an effect counts as clear.
@@ -25,6 +25,8 @@ APART = (*campaigns.DIRTY, *loop.KINDS)
 def summary(rows: list[dict]) -> str:
     """All tables for the docs."""
     blocks = [by_sort(rows), by_kind(rows), by_dirt(rows), confusion(rows), by_effect(rows), whole(rows)]
+    of_law = [r for r in rows if "law" in r]
+    blocks.append(law_table.laws(of_law, clear_ones(of_law)))
     blocks.append(versus([r for r in rows if "peers" in r]))
     return "\n\n".join("\n".join(b) for b in blocks if b)
 

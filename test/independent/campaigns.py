@@ -23,7 +23,7 @@ import yaml
 # as a script too, the package goes by one name: numba's cache depends on it
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from independent import clarity, dirt, hidden_effects, whitened
+from independent import clarity, dirt, hidden_effects, laws, whitened
 from independent import simulator as sim
 from independent.hiding import draw_hidden, rivals_of, stays_in_track, with_past_contact
 from independent.plans import DESIGNS, draw_plan, draw_runs
@@ -31,11 +31,14 @@ from independent.plans import DESIGNS, draw_plan, draw_runs
 KINDS = ("nothing", "single", "two", "three", "unknown", "sensor")
 #: What a dirty campaign hides (a complete one: nothing), and how often.
 DIRTY = {"dirty": {"nothing": 0.15, "single": 0.5, "two": 0.1, "unknown": 0.1, "sensor": 0.15},
-         "dirty_complete": {"nothing": 1.0}}  # fmt: skip
+         "dirty_complete": {"nothing": 1.0}, "dirty_law": {"law": 1.0}}  # fmt: skip
+#: Kinds that are not drawn unless they are asked for: an unknown force by a law that is drawn (`laws`).
+BESIDES = ("law",)
 #: The part of each design among clean and among dirty campaigns, as in DESIGNS.
 WEIGHTS, DIRTY_WEIGHTS = [0.5, 0.12, 0.1, 0.1, 0.08, 0.1], [0.6, 0.1, 0.05, 0.08, 0.09, 0.08]
-#: A dirty campaign's runs and their length (s) at the most, and its rate (Hz) at the least.
-DIRTY_RUNS, DIRTY_LENGTH, DIRTY_RATE = 6, 1.2, 200.0
+#: A dirty campaign's runs and their length (s) at the most, and those of one that hides a law: a diagnosis of it is
+#: quick enough for many. A dirty one's rate (Hz) at the least.
+SHORT_RUNS, SHORT_LENGTH, DIRTY_RATE = 6, 1.2, 200.0
 
 
 # ---- files ---------------------------------------------------------------------------------------
@@ -130,7 +133,7 @@ def draw_campaign(
 ):
     """One blind campaign, all from `seed`.
 
-    kind: one of KINDS (drawn where None) or of DIRTY; design: one of DESIGNS.
+    kind: one of KINDS (drawn where None), BESIDES or DIRTY; design: one of DESIGNS.
     names: hide exactly these instead, as [(effect, sensor channel or None), ...], whether or not they show.
     faint, clear: bounds of the signal_after_nuisance aimed at (see clarity.py), log-uniform between; in a dirty
     campaign the signal is what the dirt leaves of it (see whitened.py).
@@ -152,9 +155,10 @@ def draw_campaign(
     eta, gamma = float(rng.uniform(0.705, 0.755)), float(rng.uniform(3.8, 4.05))
     plain = sim.rig(eta=eta, gamma=gamma)
     plan = draw_plan(rng, design)
+    if dirty_rng is not None or kind in BESIDES:
+        plan["number_of_runs"] = min(plan["number_of_runs"], SHORT_RUNS)
+        plan["length"] = min(plan["length"], SHORT_LENGTH)
     if dirty_rng is not None:
-        plan["number_of_runs"] = min(plan["number_of_runs"], DIRTY_RUNS)
-        plan["length"] = min(plan["length"], DIRTY_LENGTH)
         plan["rate"], plan["noise_given"] = max(plan["rate"], DIRTY_RATE), "all"
     runs = draw_runs(rng, plan, plain, plan["number_of_runs"])
     runs = with_temperatures(seed, runs) if whole else runs
@@ -207,8 +211,8 @@ def draw_heldout(rng, seed, plan, plain, rig, whole):
 
 def what_is_hidden(eta, gamma, hidden, dirts):
     """The truth of physics, sensors and log, as a diagnosis should tell it."""
-    known = [effect for effect in hidden if effect["effect"] not in hidden_effects.OUTSIDE]
-    strange = [effect for effect in hidden if effect["effect"] in hidden_effects.OUTSIDE]
+    known = [effect for effect in hidden if not hidden_effects.unknown(effect["effect"])]
+    strange = [effect for effect in hidden if hidden_effects.unknown(effect["effect"])]
     sensors = dirt.faults(dirts)
     parameters = {"eta": eta, "gamma": gamma}
     for e in known:
@@ -223,9 +227,10 @@ def what_is_hidden(eta, gamma, hidden, dirts):
         "unknown": [
             {
                 "effect": e["effect"],
-                "channel": hidden_effects.OUTSIDE[e["effect"]]["channel"],
-                "depends_on": hidden_effects.OUTSIDE[e["effect"]]["depends_on"],
+                "channel": hidden_effects.table_of(e["effect"])["channel"],
+                "depends_on": hidden_effects.table_of(e["effect"])["depends_on"],
                 "parameters": e["parameters"],
+                **({"law": laws.told(e["effect"], e["parameters"])} if e["effect"] in laws.LAWS else {}),
             }
             for e in strange
         ],
@@ -260,7 +265,7 @@ def main():
         required=True,
         help="folder of the campaign; the truth goes to OUT.truth.json, further runs to OUT.heldout",
     )
-    parser.add_argument("--kind", choices=[*KINDS, *DIRTY])
+    parser.add_argument("--kind", choices=[*KINDS, *BESIDES, *DIRTY])
     parser.add_argument("--design", choices=DESIGNS)
     parser.add_argument(
         "--effect", action="append", help="hide exactly this (repeatable); a sensor fault as sensor_delay:heave"

@@ -7,6 +7,8 @@ size**power near the middle of them; `signed`: either sign may be drawn; `shapes
 
 import numpy as np
 
+from independent import laws
+
 
 def entry(parameter, low, high, power=1.0, signed=False, shapes=None, along=None):
     """`along`: parameters that are so many times the size."""
@@ -169,8 +171,13 @@ OUTSIDE = {
 }
 
 
+def unknown(name):
+    """Whether an effect is outside the catalogue."""
+    return name in OUTSIDE or name in laws.LAWS
+
+
 def table_of(name):
-    for table in (CATALOGUE, SENSORS, OUTSIDE, PLANT, LATER_SENSORS):
+    for table in (CATALOGUE, SENSORS, OUTSIDE, PLANT, LATER_SENSORS, laws.LAWS):
         if name in table:
             return table[name]
     raise KeyError(f"no such effect: {name}")
@@ -184,6 +191,7 @@ def with_size(name, size, sign, shapes, channel=None, noise=None):
     """
     row = table_of(name)
     value = size * sign if row["signed"] else size
+    value = laws.damping(name, value) if name in laws.LAWS else value
 
     def scaled(strength):
         return with_size(name, size * strength ** (1 / row["power"]), sign, shapes, channel, noise)
@@ -201,7 +209,7 @@ def with_size(name, size, sign, shapes, channel=None, noise=None):
             "scaled": scaled,
         }
     parameters = {row["parameter"]: value, **shapes, **{other: times * value for other, times in row["along"].items()}}
-    fields = {f"{name}__{parameter}": amount for parameter, amount in parameters.items()}
+    fields = {f"{row.get('prefix', name)}__{parameter}": amount for parameter, amount in parameters.items()}
     switch = row["parameter"] == "on"
     return {
         "effect": name,

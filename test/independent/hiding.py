@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from independent import clarity, hidden_effects
+from independent import clarity, hidden_effects, laws
 from independent import simulator as sim
 from independent.hidden_effects import log_uniform
 from independent.plans import MOST_ROLL
@@ -50,6 +50,8 @@ def names_to_hide(rng, kind, channels, whole=False, without=()):
     if kind == "sensor":
         name, channel = str(rng.choice(sensors)), str(rng.choice(channels))
         return [(name, None if name == "sensor_misalignment" else channel)]
+    if kind == "law":
+        return [(laws.names(rng), None)]
     if kind == "unknown":
         return some(hidden_effects.OUTSIDE, 1) + (some(catalogue, 1) if rng.random() < 0.4 else [])
     return some(catalogue, {"single": 1, "two": 2, "three": 3}[kind])
@@ -99,7 +101,7 @@ def draw_hidden(rng, kind, experiment, faint, clear, names=None, whole=False):
         ]
         found = clarity.signals(with_past_contact(experiment, hidden), hidden)
         score = min(one.get("signal_after_others", one["signal_after_nuisance"]) for one in found)
-        if kind == "unknown":  # a strange effect that one of the catalogue imitates is no question
+        if kind in ("unknown", "law"):  # a strange effect that one of the catalogue imitates is no question
             found[0]["imitations"] = rivals_of(experiment, hidden, 0, whole)
             score = min([score, *found[0]["imitations"].values()])
         if not names and not stays_in_track(experiment.runs, experiment.eta, experiment.gamma, hidden):

@@ -19,6 +19,8 @@ import math
 import numpy as np
 from numba import njit
 
+from independent.laws import value as law_value
+
 C = math.sqrt(0.5)
 STATES = 12
 
@@ -114,6 +116,15 @@ FIELDS = {
     "heave_shake__force": 0.0,  # F_y += F sin(2 pi f t)
     "heave_shake__frequency": 1.0,
     "sway_from_speed__coefficient": 0.0,  # F_x += c v^2, N s^2/m^2
+    "law__size": 0.0,  # any law of `laws`: coordinate += size form(u; a, b) (w / scale)^power
+    "law__coordinate": 0.0,
+    "law__form": 0.0,
+    "law__variable": 0.0,
+    "law__a": 0.0,
+    "law__b": 1.0,
+    "law__second": 8.0,
+    "law__scale": 1.0,
+    "law__power": 0.0,
 }
 RIG_TYPE = np.dtype([(name, np.float64) for name in FIELDS])
 
@@ -218,6 +229,16 @@ def bump(z, place, width):
 
 
 @njit(cache=True)
+def law(t, s, p):
+    """The force of an unknown law (`laws`)."""
+    u = t if p.law__variable == 8 else s[int(p.law__variable)]
+    force = p.law__size * law_value(int(p.law__form), u, p.law__a, p.law__b)
+    if p.law__power != 0:
+        force *= ((t if p.law__second == 8 else s[int(p.law__second)]) / p.law__scale) ** p.law__power
+    return force
+
+
+@njit(cache=True)
 def derivative(t, s, drive_current, p, ds):
     """Right-hand side of (40) with all effects; writes ds, returns the smallest gap (m)."""
     k = 2 * math.pi / p.wavelength
@@ -315,6 +336,17 @@ def derivative(t, s, drive_current, p, ds):
         fz -= p.drag_from_time__force * 0.5 * (1 + math.tanh((t - p.drag_from_time__start) / 0.005))
     fy += p.heave_shake__force * math.sin(2 * math.pi * p.heave_shake__frequency * t)
     fx += p.sway_from_speed__coefficient * v * v
+    if p.law__size != 0:
+        force = law(t, s, p)
+        to = int(p.law__coordinate)
+        if to == 0:
+            fz += force
+        elif to == 1:
+            fx += force
+        elif to == 2:
+            fy += force
+        else:
+            moment += force
 
     # an elastic frame of mass mu m takes all of it and passes on what its spring does
     up = fy / p.mass

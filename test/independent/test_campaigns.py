@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from independent import campaigns, clarity, hidden_effects, hiding, plans
+from independent import campaigns, clarity, hidden_effects, hiding, laws, plans
 from independent import simulator as sim
 
 
@@ -95,9 +95,32 @@ def test_effects_of_november_are_drawn_from_the_whole_catalogue(name):
     assert "conditions" not in campaigns.draw_campaign(31, "nothing", "coasting")[0]["campaign.yaml"]
 
 
-@pytest.mark.parametrize("name", [*hidden_effects.CATALOGUE, *hidden_effects.OUTSIDE, *hidden_effects.PLANT])
+@pytest.mark.parametrize(
+    "name", [*hidden_effects.CATALOGUE, *hidden_effects.OUTSIDE, *hidden_effects.PLANT, *laws.LAWS]
+)
 def test_every_effect_can_be_drawn(name):
     """The simulator has the fields each entry of the tables sets."""
     row = hidden_effects.table_of(name)
     effect = hidden_effects.with_size(name, row["limits"][0], 1.0, row["shapes"](np.random.default_rng(0), 20.0))
     clarity.rig_of(0.73, 3.9, [effect])
+
+
+@pytest.mark.parametrize("name", ["law_roll_linear_roll_surge_rate", "law_sway_dead_zone_sway", "law_heave_step_time"])
+def test_a_law_acts_on_its_coordinate_as_it_is_told(name):
+    """Size times form times the second variable, over the inertia, by arithmetic of this test."""
+    t, state = 0.4, np.array([3.0, 2e-3, -4e-3, 5e-3, 24.0, 0.02, 0.03, 0.1, 0, 0, 0, 0])
+    effect = hidden_effects.with_size(
+        name, 0.5, 1.0, hidden_effects.table_of(name)["shapes"](np.random.default_rng(0), 20)
+    )
+    with_it, without = np.empty(12), np.empty(12)
+    sim.derivative(t, state, 0.0, clarity.rig_of(0.73, 3.9, [effect])[0], with_it)
+    sim.derivative(t, state, 0.0, clarity.rig_of(0.73, 3.9, [])[0], without)
+    told = laws.told(name, effect["parameters"])["parameters"]
+    expected = {
+        "law_roll_linear_roll_surge_rate": lambda: -0.5 * (5e-3 / 2e-3) * (24.0 / 20.0) ** 2 / 0.091,
+        "law_sway_dead_zone_sway": lambda: told["slope"] * (2e-3 - told["clearance"]) / 9.3,
+        "law_heave_step_time": lambda: 0.5 * told["force"] * (1 + np.tanh((t - told["place"]) / told["width"])) / 9.3,
+    }[name]()
+    at = {"roll": 7, "sway": 5, "heave": 6}[hidden_effects.table_of(name)["channel"]]
+    assert expected != 0 and with_it[at] - without[at] == pytest.approx(expected, rel=1e-9)
+    assert np.delete(with_it - without, at) == pytest.approx(np.zeros(11), abs=1e-12)
