@@ -24,9 +24,9 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from .core.effects import run_file, use_shipped
 from .core.errors import InputError
 from .core.model import Model
+from .core.user_files import run_file, use_shipped
 
 #: How long (s) to look for a scheduler.
 PATIENCE = 10.0
@@ -42,6 +42,8 @@ class Threads:
 
     def map(self, task: Callable, items: Sequence) -> list:
         """``task`` of every item, in order. Compiled simulations release the interpreter, so threads do run at once."""
+        if self.count == 1 or len(items) == 1:
+            return [task(item) for item in items]
         with ThreadPoolExecutor(self.count) as pool:
             try:
                 return list(pool.map(task, items))

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from independent import simulator as other
 from test_data_bags import EPOCH, GOOD, point, poses, record
 
 from inductrack_ros import cli
@@ -15,6 +17,7 @@ from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import as_dof
 from inductrack_ros.data import campaign_keys, load_campaign, read_bag, write_csv
+from inductrack_ros.estimation import shooting
 from inductrack_ros.estimation.problem import Problem
 from inductrack_ros.estimation.structure import Structure
 
@@ -190,8 +193,10 @@ def test_inputs_of_a_csv_and_of_a_bag(tmp_path):
     assert current == pytest.approx(7000 + 1e3 * TIMES[:50]) and times == pytest.approx(TIMES[:50])
     assert campaign.runs[0].drive_current == pytest.approx(7049.0)
     notes = campaign.against(Model.default()).notes
-    assert notes[0] == "input 'wind' is read and not used: the model takes no input that changes in time"
-    assert "run: drive_current was measured from 7000 to 7098 A; the model takes its mean, 7049 A" in notes
+    assert (
+        notes[0] == "input 'wind' is read and not used: the model takes only drive_current as it was measured in time"
+    )
+    assert "run: drive_current was measured from 7000 to 7098 A; the drive follows it" in notes
 
     bag = record(
         tmp_path / "bag",
@@ -203,6 +208,43 @@ def test_inputs_of_a_csv_and_of_a_bag(tmp_path):
         read_bag(bag, inputs={"wind": "/bus:point.w"})
     with pytest.raises(InputError, match="inputs: /buss:point.x: no such topic in the bag; did you mean '/bus'"):
         read_bag(bag, inputs={"wind": "/buss:point.x"})
+
+
+def flown_with(current: np.ndarray, speed: float, times: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """States (n, 8) of the other simulator's rig, whose current changes from sample to sample: in a staircase through
+    the middle of each interval."""
+    state = np.array([0.0, 0.0, other.equilibrium_heave(speed, parameters), 0.0, speed, 0.0, 0.0, 0.0])
+    states = [state]
+    for step, amperes in zip(np.diff(times), 0.5 * (current[1:] + current[:-1]), strict=True):
+        states.append(other.simulate(np.array([0.0, step]), states[-1], amperes, parameters)[0][-1, :8])
+    return np.array(states)
+
+
+@pytest.mark.parametrize("given", ["", ", drive_current: 100.0"])
+def test_a_measured_current_drives_the_model_as_it_was_measured(tmp_path, given):
+    """A bus that sags and recovers. With the mean current the speed would be off by far more than its noise."""
+    times, parameters = np.arange(0.0, 1.2, 0.002), other.rig(eta=0.7295, gamma=3.9298)
+    current = 7000.0 + 3000.0 * np.sin(2 * np.pi * times / 0.8)
+    states = flown_with(current, 20.0, times, parameters)
+    rng = np.random.default_rng(3)
+    columns = {c: states[:, k] + 3e-5 * rng.standard_normal(len(times)) for k, c in ((0, "surge"), (2, "heave"))}
+    write_csv(tmp_path / "run.csv", times, columns | {"bus": current})
+    keys = "noise_std: {surge: 3.0e-5, heave: 3.0e-5}\ndof: [surge, heave]\ninputs: {drive_current: bus}\n"
+    (tmp_path / "campaign.yaml").write_text(f"{keys}runs: [{{file: run.csv{given}}}]\n")
+    campaign = load_campaign(tmp_path)
+    assert any("the drive follows it" in note for note in campaign.notes)
+    assert any("100 A in campaign.yaml" in note for note in campaign.notes) == bool(given)
+    model = Model.create({"eta": 0.7295, "gamma": 3.9298})
+    followed = compare(campaign, model)
+    assert followed.runs[0].error < 1.1
+    mean = compare(replace(campaign, runs=tuple(replace(run, inputs={}) for run in campaign.runs)), model)
+    assert mean.runs[0].error > 10.0
+
+    problem = Problem(campaign, model, {"surge": 3e-5, "heave": 3e-5})
+    fitted = shooting.fit(problem, Structure(model, ("eta", "gamma")))
+    for name, value in (("eta", 0.7295), ("gamma", 3.9298)):
+        assert fitted.values[name] == pytest.approx(value, abs=4 * fitted.deviations[name]), name
+        assert fitted.deviations[name] < 1e-3 * value
 
 
 # ---------------------------------------------------------------- the table of keys

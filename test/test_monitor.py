@@ -74,7 +74,7 @@ def test_a_complete_model_is_quiet_and_its_forces_are_noise():
     assert ((low < (z**2).sum(axis=0)) & ((z**2).sum(axis=0) < high)).all()
     assert np.abs(z.mean(axis=0)).max() < 3.5 / np.sqrt(len(z))
     assert monitor.status() == (True, "model fits") and monitor.counts.restarts == 11
-    assert monitor.noise_found == pytest.approx(np.ones(8), abs=0.1)
+    assert monitor.noise_found[:8] == pytest.approx(np.ones(8), abs=0.1)
 
 
 def test_a_hidden_force_is_shown_within_its_error_and_its_region_named():
@@ -181,7 +181,7 @@ def test_nothing_upsets_it():
     worse = Monitor(Model.default(), NOISE)  # three times the noise that was declared
     for seed in range(5):
         feed(worse, *measured(seed=seed, noise=3 * NOISE), start=10.0 * seed)
-    assert worse.status() == (True, "model fits") and worse.noise_found == pytest.approx(3 * np.ones(8), rel=0.1)
+    assert worse.status() == (True, "model fits") and worse.noise_found[:8] == pytest.approx(3 * np.ones(8), rel=0.1)
     assert all(isinstance(c, int) for c in astuple(counts))
 
 

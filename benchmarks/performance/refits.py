@@ -23,6 +23,7 @@ from inductrack_ros.estimation.fit import fit_from_scratch
 from inductrack_ros.estimation.problem import STATE_PRIOR, Problem
 from inductrack_ros.estimation.shooting import linearise_all
 from inductrack_ros.estimation.structure import Structure
+from inductrack_ros.workers import Threads
 
 from .timing import in_turn, ratios, spread
 
@@ -75,7 +76,7 @@ def measure(quick: bool) -> dict:
         return time.process_time() - began, result
 
     alone = problem.subset(range(len(problem.runs)))
-    alone.threads = 1
+    alone.threads = Threads(1)
     guesses = [d.guess for d in problem.runs]
     reached = {}
     times = in_turn({

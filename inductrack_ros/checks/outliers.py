@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.state import ACCELERATIONS, RATES
+from ..core.state import JUMPING, RATES
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
@@ -45,7 +45,7 @@ def outliers(campaign: Campaign, channels: Mapping[str, Channel], touch: Touch |
     threshold = levels.sigmas(sum(c.count for c in channels.values()))
     near = {run.name: None if touch is None else touch.near(run) for run in campaign.runs}
     for channel, about in channels.items():
-        if channel == "surge_acceleration" or (touch is None and channel in ACCELERATIONS):
+        if channel == "surge_acceleration" or (touch is None and channel in JUMPING):
             continue
         rows: Rows = {}
         sizes = []
@@ -53,8 +53,8 @@ def outliers(campaign: Campaign, channels: Mapping[str, Channel], touch: Touch |
             if channel in run.channels:
                 found, off = _off(run, channel, about, threshold)
                 ends, size = _ends(run, channel, about, found, touch)
-                # A blow is a step of what an accelerometer reads.
-                if touch is not None and channel in ACCELERATIONS and len(found):
+                # A blow is a step of what an accelerometer reads, and of what hangs on forces.
+                if touch is not None and channel in JUMPING and len(found):
                     kept = ~near[run.name][found] | (off > touch.reach(channel, np.gradient(run.times)[found]))
                     found, off = found[kept], off[kept]
                 rows[run.name] = np.append(found, ends)
@@ -147,7 +147,7 @@ def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDAr
     found: list[NDArray[np.intp]] = []
     sizes: list[Array] = []
     for _ in range(ROUNDS):
-        off, size = _leave(run.times[number_of], column[number_of], floors, steps=channel in (*RATES, *ACCELERATIONS))
+        off, size = _leave(run.times[number_of], column[number_of], floors, steps=channel in (*RATES, *JUMPING))
         if not len(off):
             break
         found.append(number_of[off])
@@ -164,7 +164,7 @@ def _ends(
 ) -> tuple[NDArray[np.intp], Array]:
     """The same for the first and last samples: only what no blow does, for neighbours on one side do not tell a blow
     from a bad sample. A rate or an acceleration may step at any blow, and says nothing there."""
-    if channel in (*RATES, *ACCELERATIONS):
+    if channel in (*RATES, *JUMPING):
         return np.empty(0, np.intp), np.empty(0)
     known = np.setdiff1d(np.flatnonzero(~np.isnan(run[channel])), found)
     rows, sizes = at_the_ends(run, channel, floor_of(about.noise, about.step, about.count), known)

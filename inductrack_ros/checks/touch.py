@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..core.model import Model
-from ..core.state import ACCELERATIONS, GAPS, INDEX, RATES
+from ..core.state import ACCELERATIONS, FURTHER, GAPS, INDEX, RATES
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
@@ -60,6 +60,8 @@ class Touch:
         scale = self.lever if channel.startswith("roll") else 1.0
         if channel in ACCELERATIONS:
             return np.full_like(steps, self.acceleration / scale)
+        if channel in FURTHER:  # nobody knows what a blow does to it
+            return np.full_like(steps, np.inf)
         if channel in RATES:
             return np.full_like(steps, 2.0 * self.speed / scale)
         return np.minimum(2.0 * self.speed * steps, np.inf if channel == "surge" else self.room) / scale

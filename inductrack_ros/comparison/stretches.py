@@ -23,8 +23,8 @@ KINDS = (("speed", "m/s", 8), ("gap", "m", 8), ("place", "m", 14), ("contact", "
 
 
 def conditions(run: Run, outputs: Array, model: Model, sigma: Mapping[str, float]) -> dict[str, Array]:
-    """Under which conditions each sample was taken: as measured where that was, else from simulated outputs (n, 15)."""
-    simulated = dict(zip(OUTPUTS, outputs.T, strict=True))
+    """Under which conditions each sample was taken: as measured where that was, else from simulated outputs (n, w)."""
+    simulated = dict(zip(OUTPUTS, outputs.T, strict=False))
 
     def best(channel: str, instead: Array) -> Array:
         if channel not in run.channels:

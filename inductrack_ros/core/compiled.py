@@ -17,7 +17,7 @@ import shutil
 import sys
 import time
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from numba.core.errors import NumbaError
 
 from . import effects as effects_package
 from .cache import cache_folder
+from .channels import Channel
 from .effects import Effect
 from .errors import InputError
 
@@ -43,15 +44,17 @@ def load(
     warm_up: Callable[[types.ModuleType], None],
     flags: Sequence[str] = (),
     announce: Callable[[str], None] | None = None,
+    channels: Mapping[str, Channel] = types.MappingProxyType({}),
 ) -> types.ModuleType:
-    """The module of ``text``, in which item i's compiled functions stand by `function_name`; one for each text and
-    functions.
+    """The module of ``text``, in which item i's compiled functions stand by `function_name`, and those of ``channels``
+    by `channel_function`; one for each text and functions.
 
     ``warm_up`` calls what is to be compiled now; ``flags`` are arguments that are true or false; ``announce`` is told
-    where compiling will take its time. Raises `InputError` for an effect that numba cannot compile.
+    where compiling will take its time. Raises `InputError` for an effect or a channel that numba cannot compile.
     """
     ingredients = [text, numba.__version__, np.__version__, sys.version, platform.processor(), platform.machine()]
     ingredients += [fingerprint(part.function, set()) for e in items for part in e.parts]
+    ingredients += [fingerprint(c.function, set()) for c in channels.values() if c.function]
     key = hashlib.sha256("\n".join(ingredients).encode()).hexdigest()[:20]
     if key in _modules:
         return _modules[key]
@@ -74,6 +77,9 @@ def load(
     for i, item in enumerate(items):
         for number, part in enumerate(item.parts):
             setattr(module, function_name(i, number), _jit(part.function, name, done))
+    for channel, item in channels.items():
+        if item.function:
+            setattr(module, channel_function(channel), _jit(item.function, name, done))
     sys.modules[name] = module
     spec.loader.exec_module(module)
     kept = any(folder.glob("__pycache__/*.nbc"))
@@ -81,18 +87,21 @@ def load(
         for i, item in enumerate(items):
             for number in range(len(item.parts)) if not _is_ours(item) else ():
                 _check_alone(item, number, getattr(module, function_name(i, number)), flags)
+        for channel, item in channels.items():
+            signature = tuple(numba.boolean if a in flags else numba.float64 for a in item.arguments)
+            _check_function(item.place, getattr(module, channel_function(channel)), signature, ["what is read"])
         if announce:
             announce("compiling the model, once for this set of effects: 15 s to a minute …")
     try:
         warm_up(module)
     except NumbaError as error:
-        names = ", ".join(e.name for e in items)
-        raise InputError(f"the effects {names} do not compile together: {_reason(error)}") from error
+        names = ", ".join([*(e.name for e in items), *channels])
+        raise InputError(f"the effects and channels {names} do not compile together: {_reason(error)}") from error
     except Exception:
         if not kept:
             raise
         shutil.rmtree(folder, ignore_errors=True)  # what was kept is damaged
-        return load(text, items, warm_up, flags, announce)
+        return load(text, items, warm_up, flags, announce, channels)
     _modules[key] = module
     return module
 
@@ -199,6 +208,11 @@ def function_name(index: int, number: int) -> str:
     return f"effect_{index}" if number == 0 else f"effect_{index}_then"
 
 
+def channel_function(name: str) -> str:
+    """What the function of a channel is called in a module."""
+    return f"channel_{name}"
+
+
 def _check_alone(item: Effect, number: int, function: Callable, flags: Sequence[str]) -> None:
     """Compile one function of an effect for numbers and look at what it returns, so that an error names it and comes at
     once."""
@@ -209,16 +223,20 @@ def _check_alone(item: Effect, number: int, function: Callable, flags: Sequence[
     signature = tuple(
         flag if a in flags and a not in own else real[::1] if a in tables else real for a in part.arguments
     )
+    wanted = [*part.targets, *(f"rate of {s}" for s in item.states if last)]
+    _check_function(place_of(item), function, signature, wanted)
+
+
+def _check_function(place: str, function: Any, signature: tuple, wanted: Sequence[str]) -> None:
+    """Compile a user's function. Raises `InputError` that names its ``place`` where it does not return what is
+    ``wanted``, so many real numbers."""
     try:
         function.compile(signature)
     except Exception as error:  # numba has many; all are about this function's text
-        raise InputError(
-            f"{place_of(item)} cannot be compiled: {_reason(error)}; use numbers, math functions and if"
-        ) from error
+        raise InputError(f"{place} cannot be compiled: {_reason(error)}; use numbers, math functions and if") from error
     returned: Any = function.overloads[signature].signature.return_type
     kinds: Any = numba.types  # whose annotations say nothing of what these types hold
     given = list(returned) if isinstance(returned, kinds.BaseTuple) else [returned]
-    wanted = [*part.targets, *(f"rate of {s}" for s in item.states if last)]
     numbers = (kinds.Float, kinds.Integer, kinds.Boolean)
     if isinstance(returned, kinds.NoneType | kinds.Optional):
         problem = "does not always return a value"
@@ -228,7 +246,7 @@ def _check_alone(item: Effect, number: int, function: Callable, flags: Sequence[
         problem = f"returns {returned}, not real numbers"
     else:
         return
-    raise InputError(f"{place_of(item)} {problem}; it must return {len(wanted)}: {', '.join(wanted)}")
+    raise InputError(f"{place} {problem}; it must return {len(wanted)}: {', '.join(wanted)}")
 
 
 def _reason(error: Exception) -> str:

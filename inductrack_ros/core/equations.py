@@ -26,8 +26,8 @@ def equations(
     """Quantities of the model at one moment; returns all of them by name.
 
     ``travel`` is the surge since the run began (m). If ``averaged``, thrust follows the averaged law (39) with
-    ``drive_current`` (A). If not, it follows the pulses, and ``pulse_current`` (A) is their sum
-    Σ I sin(π(t−t0)/τ) cos(k(z−z_n)).
+    ``drive_current`` (A), and ``pulse_current`` (A) is what flows beyond that where a run's current was measured in
+    time. If not, it follows the pulses, and ``pulse_current`` is their sum Σ I sin(π(t−t0)/τ) cos(k(z−z_n)).
     ``touching_*`` say which arrays are in contact, which the integrator decides between its steps.
     """
     width_right = width_side
@@ -84,7 +84,7 @@ def equations(
     repulsion_left = overlap_left * force_per_overlap * current_lift
     magnetic_drag = overlap * force_per_overlap * current_drag
     if averaged:
-        drive = 4.0 * speed / wavelength * pulse_length / pi * drive_current
+        drive = 4.0 * speed / wavelength * pulse_length / pi * (drive_current + pulse_current)
     else:
         drive = pulse_current
     thrust = gamma * overlap * peak_field * drive

@@ -55,6 +55,27 @@ def pulse_sum(t, surge, P, pulse_times, pulse_places, pulse_currents, first):
     return total
 
 
+def current(t, surge, P, averaged, pulse_times, pulse_places, pulse_currents, first):
+    """What `equations` calls ``pulse_current`` (A): the sum of the pulses. Averaged, it is what flows beyond the drive
+    current: straight lines through ``pulse_currents`` at ``pulse_times``, where a run has any."""
+    n = pulse_times.size
+    if not averaged:
+        return pulse_sum(t, surge, P, pulse_times, pulse_places, pulse_currents, first)
+    if n == 0:
+        return 0.0
+    low, high = 0, n - 1
+    if t <= pulse_times[0] or t >= pulse_times[high]:
+        return pulse_currents[0] if t <= pulse_times[0] else pulse_currents[high]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if pulse_times[middle] <= t:
+            low = middle
+        else:
+            high = middle
+    part = (t - pulse_times[low]) / (pulse_times[high] - pulse_times[low])
+    return pulse_currents[low] + part * (pulse_currents[high] - pulse_currents[low])
+
+
 def until_pulse_edge(t, tau, pulse_times, first):
     """Time to the next beginning or end of a pulse (s), and whether one burns now."""
     wait, burns = math.inf, False
@@ -120,8 +141,22 @@ def step_sizes(P, on, longest):
 def slope(t, x, rig, first, dx, q):
     """Derivative dx of the state x, and the gaps and their rates in q."""
     P, on, groups, free, touching, origin, averaged, pt, pp, pc = rig
-    pulse = 0.0 if averaged else pulse_sum(t, x[0], P, pt, pp, pc, first)
+    pulse = current(t, x[0], P, averaged, pt, pp, pc, first)
     derivative(t, x, P, on, groups, free, touching, origin, averaged, pulse, dx, q, False)
+
+
+def observe(t, x, P, on, groups, moving, touching, origin, averaged, pulse, dx, q, detail):
+    """`derivative`, with the named quantities in q where ``detail``: called where one copy of it is enough."""
+    derivative(t, x, P, on, groups, moving, touching, origin, averaged, pulse, dx, q, detail)
+
+
+def see_further(t, x, rig, first, dx, q, row):
+    """What the channels beside the motion see, behind the motion in ``row``. ``dx`` and ``q`` are work space."""
+    P, on, groups, free, touching, origin, averaged, pt, pp, pc = rig
+    pulse = current(t, x[0], P, averaged, pt, pp, pc, first)
+    observe(t, x, P, on, groups, free, touching, origin, averaged, pulse, dx[:N_STATES], q, True)
+    for i in range(row.size - MOTION):
+        row[MOTION + i] = q[FURTHER + i]
 
 
 def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
@@ -135,7 +170,7 @@ def step(t, h, x, k1, rig, first, x_new, k_new, q_new, k, stage):
         stage[i] = x[i] + 0.5 * h * k1[i]
     for s in range(4):  # the fourth is the slope at the end; one loop, so that `derivative` is compiled into it once
         ts = t + (h if s >= 2 else 0.5 * h)
-        pulse = 0.0 if averaged else pulse_sum(ts, stage[0], P, pt, pp, pc, first)
+        pulse = current(ts, stage[0], P, averaged, pt, pp, pc, first)
         derivative(ts, stage, P, on, groups, free, touching, origin, averaged, pulse, k_new, q_new, False)
         if s == 3:
             break
@@ -176,7 +211,8 @@ def sticks(t, x, rig, first, k, q):
 
 
 def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, longest, work, touching, out):
-    """Carry ``state`` from time t through ``times`` and write the `state.OUTPUTS` at each into ``out`` (n, 15).
+    """Carry ``state`` from time t through ``times`` and write the `state.MOTION` at each into ``out`` (n, 15), or with
+    room for them all `state.OUTPUTS`.
 
     ``state`` is changed in place and ends as that at the last of ``times``. Rows after a state that is no longer finite
     are NaN. ``work`` (10, PADDED or N_QUANTITIES) and ``touching`` (3,) are work space.
@@ -269,7 +305,7 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
                 q[i] = q_new[i]
             if not abs(x[0]) + abs(x[1]) + abs(x[2]) + abs(x[3]) < BOUNDS:
                 for later in range(row, times.size):
-                    for i in range(15):
+                    for i in range(out.shape[1]):
                         out[later, i] = np.nan
                 state[:] = np.nan
                 return
@@ -279,12 +315,15 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
             out[row, 8 + i] = q[i]
         for i in range(4):
             out[row, 11 + i] = k1[4 + i]
+        if out.shape[1] > MOTION:
+            see_further(t, x, rig, first, k, q_new, out[row])
     for i in range(N_STATES):
         state[i] = x[i]
 
 
 def simulate_batch(times, t0, x, P, on, moving, origin, averaged, pt, pp, pc, longest, out):
-    """`integrate` for each row of x (jobs, N_STATES) with its own row of P, on and origin; ``out`` is (jobs, n, 15)."""
+    """`integrate` for each row of x (jobs, N_STATES) with its own row of P, on and origin; ``out`` is (jobs, n, 15) or
+    wider."""
     work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     for job in range(x.shape[0]):
         integrate(
@@ -297,7 +336,7 @@ def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, 
     """States at the end of each interval between ``times`` (n,) from the one in x (n−1, N_STATES) at its beginning,
     moved by each row of ``offsets`` (jobs, N_STATES): ``out`` is (n−1, jobs, 8)."""
     work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
-    state, row = np.empty(N_STATES), np.empty((1, 15))
+    state, row = np.empty(N_STATES), np.empty((1, MOTION))
     for k in range(x.shape[0]):
         for job in range(offsets.shape[0]):
             for i in range(N_STATES):
@@ -312,10 +351,10 @@ def simulate_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, 
 
 def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp, pc, longest, outputs, ends):
     """Outputs at each of ``times`` (n,) and the state at the next, from the state in x (n, N_STATES) moved by each row
-    of ``offsets`` (jobs, N_STATES) under its row of P: ``outputs`` is (n, jobs, 15), ``ends`` (n, jobs, N_STATES); the
-    last piece has no length."""
+    of ``offsets`` (jobs, N_STATES) under its row of P: ``outputs`` is (n, jobs, 15) or wider, ``ends`` (n, jobs,
+    N_STATES); the last piece has no length."""
     work, touching = np.empty((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
-    state, rows, ends_of = np.empty(N_STATES), np.empty((2, 15)), np.empty(2)
+    state, rows, ends_of = np.empty(N_STATES), np.empty((2, outputs.shape[2])), np.empty(2)
     for k in range(x.shape[0]):
         ends_of[0] = times[k]
         ends_of[1] = times[min(k + 1, x.shape[0] - 1)]
@@ -326,7 +365,7 @@ def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp,
                 ends_of, times[k], state, P[job], on, moving, origin, averaged, pt, pp, pc, longest, work, touching,
                 rows,
             )  # fmt: skip
-            for i in range(15):
+            for i in range(outputs.shape[2]):
                 outputs[k, job, i] = rows[0, i]
             for i in range(N_STATES):
                 ends[k, job, i] = state[i]
@@ -336,7 +375,7 @@ def forced_pieces(times, x, P, on, moving, origin, averaged, pulses, pt, pp, pc,
     """What `linearise_pieces` gives, from the forces at both ends of each piece instead of an integration: for effects
     without states, outside contact.
 
-    ``pulses`` (n,) is the mean of `pulse_sum` over each piece (A). ``outputs`` (n, jobs, 15) are those at each of
+    ``pulses`` (n,) is the mean of `current` over each piece (A). ``outputs`` (n, jobs, 15 or more) are those at each of
     ``times``; ``changes`` (n, jobs, 8) are what accelerations that change linearly from one end to the other do to
     places and rates until the next; the last piece has no length."""
     touching, groups = np.zeros(3, np.bool_), groups_on(on)
@@ -344,7 +383,7 @@ def forced_pieces(times, x, P, on, moving, origin, averaged, pulses, pt, pp, pc,
     last = x.shape[0] - 1
     for k in range(last + 1):
         span = times[min(k + 1, last)] - times[k]
-        pulse = 0.0 if averaged else pulse_sum(times[k], x[k, 0], P[0], pt, pp, pc, 0)
+        pulse = current(times[k], x[k, 0], P[0], averaged, pt, pp, pc, 0)
         for job in range(P.shape[0]):
             derivative(times[k], x[k], P[job], on, groups, moving, touching, origin, averaged, pulse, dx, q, False)
             for i in range(8):
@@ -353,9 +392,16 @@ def forced_pieces(times, x, P, on, moving, origin, averaged, pulses, pt, pp, pc,
                 outputs[k, job, 8 + i] = q[i]
             for i in range(4):
                 outputs[k, job, 11 + i] = dx[4 + i]
+            if outputs.shape[2] > MOTION:
+                observe(
+                    times[k], x[k], P[job], on, groups, moving, touching, origin, averaged, pulse, dx[:N_STATES], q,
+                    True,
+                )  # fmt: skip
+                for i in range(outputs.shape[2] - MOTION):
+                    outputs[k, job, MOTION + i] = q[FURTHER + i]
             for end in range(2):
                 at = min(k + end, last)
-                if end == 1 or not averaged:
+                if end == 1 or pt.size > 0:
                     derivative(
                         times[at],
                         x[at],
@@ -380,8 +426,8 @@ def forced_pieces(times, x, P, on, moving, origin, averaged, pulses, pt, pp, pc,
 def evaluate(t, x, P, on, moving, origin, averaged, pt, pp, pc, dx, q):
     """Derivative and all named quantities at one moment, contact decided from the state itself."""
     touching, groups = np.zeros(3, np.bool_), groups_on(on)
-    pulse = 0.0 if averaged else pulse_sum(t, x[0], P, pt, pp, pc, 0)
+    pulse = current(t, x[0], P, averaged, pt, pp, pc, 0)
     for detail in (False, True):
-        derivative(t, x, P, on, groups, moving, touching, origin, averaged, pulse, dx, q, detail)
+        observe(t, x, P, on, groups, moving, touching, origin, averaged, pulse, dx, q, detail)
         for i in range(3):
             touching[i] = touches(i, P, q)

@@ -21,21 +21,23 @@ import numpy as np
 
 from . import compiled, equations, integrator, lanes
 from .coils import circuits, flight
-from .coils.seam import SEAM, TAKEN
-from .compiled import function_name, mark, place_of
+from .coils.seam import AVERAGED_ONLY, SEAM, TAKEN
+from .compiled import channel_function, function_name, mark, place_of
 from .effects import FORCES, Effect, Part
 from .errors import InputError, did_you_mean
 from .parameters import PARAMETERS
-from .state import STATES
+from .state import CHANNEL, FURTHER, MOTION, STATES
 
-#: Quantities `evaluate` hands out besides the derivative; the first six serve the integrator.
-QUANTITIES = (
+#: Quantities of the equations that `evaluate` hands out besides the derivative; the first six serve the integrator.
+_NAMED = (
     "gap_top", "gap_right", "gap_left", "gap_top_rate", "gap_right_rate", "gap_left_rate",
     "repulsion_top", "repulsion_right", "repulsion_left", "normal_top", "normal_right", "normal_left",
     "magnetic_drag", "thrust", "force_surge", "force_sway", "force_heave", "moment_roll",
     "arm_top_x", "arm_right_x", "arm_right_y", "arm_left_x", "arm_left_y", "overlap", "current_lift", "current_drag",
     "eta", "peak_field", "inductance", "resistance", "width_top", "width_right", "width_left",
 )  # fmt: skip
+#: All that it hands out: behind them what the channels beside the motion see.
+QUANTITIES = (*_NAMED, *FURTHER)
 #: Longest free step over the field's time scale, and contact step over the contact's: set by the golden trajectories.
 FREE_STEP, CONTACT_STEP = 0.14, 0.4
 
@@ -180,6 +182,7 @@ def _derivative(effects: list[Effect], column: dict[str, int], started_on: Seque
     calls = _calls(effects)
     used = {"mass", "roll_inertia"} | {n.id for s in _BODY for n in ast.walk(s) if isinstance(n, ast.Name)}
     used |= {a for c in calls for a in (*c.part.arguments, *c.part.targets)} | set(started_on)
+    used |= {a for name in FURTHER for a in CHANNEL[name].arguments}
     lines = [f"dx[{i}] = 0.0" for i in range(8, 8 + len(started_on))]
     lines += [f"{r} = 0.0" for c in calls if not c.late for r in c.results[: len(c.part.adds)]]
     lines += [f"{name} = touching[{i}]" for i, name in enumerate(_MOMENT[4:])]
@@ -211,13 +214,33 @@ def _derivative(effects: list[Effect], column: dict[str, int], started_on: Seque
     for i, force in enumerate(FORCES):
         lines.append(f"dx[{4 + i}] = {force} / {'mass' if i < 3 else 'roll_inertia'} * moving[{i}]")
     lines += [f"q[{i}] = {name}" for i, name in enumerate(QUANTITIES[:6])]
-    lines += ["if detail:"] + [f"    q[{i}] = {name}" for i, name in enumerate(QUANTITIES) if i >= 6]
+    lines += ["if detail:", *(f"    {line}" for line in _further(known, SEAM in effects))]
+    lines += [f"    q[{i}] = {name}" for i, name in enumerate(QUANTITIES) if i >= 6]
     if started_on:  # where dx has room for it, behind the rates: where the effects' states start
         lines += ["    if dx.size > N_STATES:"] + [
             f"        dx[N_STATES + {j}] = {start}" for j, start in enumerate(started_on)
         ]
     head = "def derivative(time, x, P, on, groups, moving, touching, origin, averaged, pulse_current, dx, q, detail):"
     return "\n".join([groups.table(), "", head, *(f"    {line}" for line in lines)])
+
+
+def _further(known: set[str], single_coils: bool) -> list[str]:
+    """The lines that compute what the channels beside the motion see. Raises `InputError` for one that asks for what is
+    not there."""
+    lines = []
+    for name in FURTHER:
+        item = CHANNEL[name]
+        if name in known:
+            raise InputError(f"{item.place}: this is the name of a quantity of the model; rename the channel")
+        if sums := [a for a in item.arguments if a in FORCES]:
+            raise InputError(f"{item.place} asks for {sums[0]}, the sum of all forces: measure an acceleration instead")
+        if odd := [a for a in item.arguments if a not in known]:
+            raise InputError(
+                f"{item.place} asks for '{odd[0]}', which is not there{did_you_mean(odd[0], sorted(known))}"
+            )
+        blind = single_coils and AVERAGED_ONLY & set(item.arguments)  # coils have no such quantity: not measured
+        lines.append(f"{name} = " + ("nan" if blind else f"{channel_function(name)}({', '.join(item.arguments)})"))
+    return lines
 
 
 class _Groups:
@@ -247,11 +270,14 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         "N_STATES": n_states,
         "PADDED": (n_states + 3) // 4 * 4,
         "N_QUANTITIES": len(QUANTITIES),
+        "MOTION": len(MOTION),
+        "FURTHER": len(_NAMED),  # where in q what further channels see begins
         "FREE_STEP": FREE_STEP,
         "CONTACT_STEP": CONTACT_STEP,
     }
     jitted = [
         "pulse_sum",
+        "current",
         "until_pulse_edge",
         "groups_on",
         "touches",
@@ -259,6 +285,8 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         "lowest_moment",
         "step_sizes",
         "slope",
+        "observe",
+        "see_further",
         "step",
         "carried_error",
         "sticks",
@@ -269,7 +297,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         text, "cache=True", "simulate_batch", "simulate_pieces", "linearise_pieces", "forced_pieces", "evaluate"
     )
     head = [
-        "from math import cos, exp, pi, sin, sqrt",
+        "from math import cos, exp, nan, pi, sin, sqrt",
         "import numpy as np",
         "from numba import njit",
         f"SQRT_HALF = {equations.SQRT_HALF!r}",
@@ -374,7 +402,8 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
             {name: getattr(module, name) for name in COIL_FUNCTIONS} if with_coils else {},
         )  # fmt: skip
 
-    return kernel(compiled.load(text, items, lambda module: _warm_up(kernel(module)), _FLAGS, announce))
+    seen = {name: CHANNEL[name] for name in FURTHER}
+    return kernel(compiled.load(text, items, lambda module: _warm_up(kernel(module)), _FLAGS, announce, seen))
 
 
 def _warm_up(kernel: Kernel) -> None:
@@ -387,7 +416,7 @@ def _warm_up(kernel: Kernel) -> None:
     if kernel.coils:
         _warm_up_coils(kernel, P, (on[0], moving, 0.0, True, none, none, none, 1.0), q)
         return
-    start, out = np.zeros((1, n)), np.zeros((1, 1, 15))
+    start, out = np.zeros((1, n)), np.zeros((1, 1, len(MOTION)))
     kernel.simulate_batch(np.zeros(1), 0.0, start, P[None], on, moving, np.zeros(1), True, none, none, none, 1.0, out)
 
 
@@ -395,7 +424,7 @@ def _warm_up_coils(kernel: Kernel, P: np.ndarray, arguments: tuple, q: np.ndarra
     """The same for the functions of single coils, on two coils that no field reaches."""
     time, gaps, tail, none = np.zeros(1), np.zeros((1, 3)), np.zeros(3), np.empty(0)
     track = np.zeros((4, 4)), np.ones(8), none, none, none
-    state, out = np.zeros(len(kernel.states)), np.zeros((1, 15))
+    state, out = np.zeros(len(kernel.states)), np.zeros((1, len(MOTION)))
     kernel.coils["simulate_coils"](time, 0.0, state, tail, P, *arguments, track, out)
     kernel.coils["forces_now"](0.0, q, track, tail, np.zeros(4))
     kernel.coils["follow_coils"](

@@ -24,7 +24,7 @@ from .errors import InputError, did_you_mean
 from .options import COIL_OPTIONS, DRIVES, MODEL_OPTIONS, TRACKS, is_of_the_node
 from .parameter_files import blocks_for, merged, shared_names
 from .parameters import PARAMETERS, Values, check_parameters
-from .state import CHANNELS, COORDINATES, INDEX, MOVING, OUTPUTS, STATES, Dof, as_dof
+from .state import CHANNELS, COORDINATES, INDEX, MOTION, MOVING, OUTPUTS, STATES, Dof, as_dof
 from .uncertainty import Uncertainty
 
 _NONE = np.empty(0)
@@ -56,7 +56,7 @@ class Pulses:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A simulated run: ``times`` (n,) and ``outputs`` (n, 15), the columns of `state.OUTPUTS`; ``final`` is the whole
+    """A simulated run: ``times`` (n,) and ``outputs`` (n, w), the columns of `state.OUTPUTS`; ``final`` is the whole
     last state."""
 
     times: np.ndarray
@@ -504,7 +504,7 @@ class Model:
             drive_current,
             pulses,
             1.0,
-            np.empty((1, 1, len(OUTPUTS))),
+            np.empty((1, 1, len(MOTION))),
         )
         return state[0]
 

@@ -34,11 +34,11 @@ def declared() -> dict[str, Parameter]:
         )
         table[f"measured.{sensor}.dropout"] = Parameter(0.0, "", 0.0, 1.0, f"share of {sensor} samples that are lost")
         for c in channels:
-            unit = CHANNEL[c].unit
+            unit, most = CHANNEL[c].unit, max(1e3, CHANNEL[c].span)
             table[f"measured.{c}.noise"] = Parameter(
-                CHANNEL[c].noise, unit, 0.0, 1e3, f"standard deviation of the noise of {c}"
+                CHANNEL[c].noise, unit, 0.0, most, f"standard deviation of the noise of {c}"
             )
-            table[f"measured.{c}.bias"] = Parameter(0.0, unit, -1e3, 1e3, f"what {c} reads too much")
+            table[f"measured.{c}.bias"] = Parameter(0.0, unit, -most, most, f"what {c} reads too much")
             table[f"measured.{c}.delay"] = Parameter(0.0, "s", 0.0, MAX_DELAY, f"how late the reading of {c} is")
     return table
 
@@ -101,8 +101,8 @@ class Rig:
         self._times, self._runs, self._count = np.empty(_FIRST), np.empty((_FIRST, len(OUTPUTS))), 0
 
     def step(self, time: float, truth: np.ndarray, period: float) -> list[Sample]:
-        """The samples that come with this tick. ``truth`` (15,) is the run's at ``time`` (s), ``period`` (s) the
-        ticks'."""
+        """The samples that come with this tick. ``truth`` (w,), as `state.OUTPUTS`, is the run's at ``time`` (s),
+        ``period`` (s) the ticks'."""
         self._remember(time, truth)
         found = []
         for sensor in self._due(time, period):
@@ -111,7 +111,7 @@ class Rig:
             while waiting and self._known(sensor, waiting[0][0], time):
                 stamp, row = waiting.popleft()
                 reading = [self._reading(channel, stamp, row) for channel in SENSORS[sensor]]
-                noisy = self._noisy(sensor, reading)
+                noisy = self._noisy(sensor, reading) if np.isfinite(reading).all() else None
                 if noisy is not None:
                     found.append(
                         Sample(sensor, stamp, dict(zip(SENSORS[sensor], noisy, strict=True)), float(row[INDEX["roll"]]))
@@ -119,7 +119,7 @@ class Rig:
         return found
 
     def record(self, times: np.ndarray, runs: np.ndarray, period: float) -> dict[str, Record]:
-        """What each sensor that is on delivers of a whole run (n, 15) at the ticks ``times`` (n,), from the run's
+        """What each sensor that is on delivers of a whole run (n, w) at the ticks ``times`` (n,), from the run's
         start."""
         self.restart()
         due = [self._due(time, period) for time in times.tolist()]

@@ -33,7 +33,7 @@ def interval(s, grid):
 
 
 def true_value(s, k, grid, run, c):
-    """Column c of a run (n, 15) at s in interval k: cubic where its slope is simulated, a parabola for gaps, else
+    """Column c of a run (n, w) at s in interval k: cubic where its slope is simulated, a parabola for gaps, else
     linear."""
     if grid.size == 1 or s == grid[k]:
         return run[k, c]
@@ -187,11 +187,11 @@ def follow(t, h, x, rig, run, p, P, work, matrices, row, seen):
 def read(at, grid, runs, which, p, P, plan, columns, column, begin, x, margin, held, out):
     """One channel's readings ``out`` (j, m) at the times ``at`` (m,), rising, for each job.
 
-    ``runs`` (u, n, 15) are true at ``grid`` (n,); job j reads run ``which[j]`` with its own rows of p and P. The states
+    ``runs`` (u, n, w) are true at ``grid`` (n,); job j reads run ``which[j]`` with its own rows of p and P. The states
     x (j, s) are those at ``begin``, or start afresh at the grid's beginning where that is not a number; they end as
     those at the last of ``at``."""
     n = x.shape[1]
-    row, seen, dx = np.zeros(15), np.zeros(15), np.zeros(max(n, 1))
+    row, seen, dx = np.zeros(runs.shape[2]), np.zeros(runs.shape[2]), np.zeros(max(n, 1))
     work, matrices = np.zeros((6, n)), np.zeros((4, n + 3, n + 3))
     rig = (plan, columns, column, grid, margin, held)
     for job in range(which.size):

@@ -15,9 +15,10 @@ import numpy as np
 
 from . import sensor_kernel, sensor_loop
 from .effects import Effect
+from .errors import InputError
 from .model import Model, _announce
 from .parameters import Values
-from .state import INDEX, OUTPUTS
+from .state import INDEX, MOTION, OUTPUTS
 
 #: A reading may ask for the truth so far (s) outside of a run, where it is extrapolated: for derivatives at its ends.
 MARGIN = 1e-5
@@ -137,7 +138,8 @@ class Sensors:
     ) -> np.ndarray:
         """A channel's readings (j, m) at times ``at`` (m,), rising, of whole runs.
 
-        ``runs`` (u, n, 15), columns as `state.OUTPUTS`, are true at ``grid`` (n,), whose first is where the run began.
+        ``runs`` (u, n, w), columns as the first w of `state.OUTPUTS`, are true at ``grid`` (n,), whose first is where
+        the run began.
         Job j reads run ``which[j]`` (all, one after the other, unless given) with the parameters ``p[j]`` and ``P[j]``
         (the sensors' own unless given). The sensors' states start at the run's start, or from their ``past``. NaN
         before the run began, unless the truth ``held`` before it, and after its end."""
@@ -147,7 +149,7 @@ class Sensors:
     def go_on(
         self, channel: str, at: np.ndarray, grid: np.ndarray, run: np.ndarray, past: Past | None
     ) -> tuple[np.ndarray, Past]:
-        """Readings (m,) at times ``at`` of a run (n, 15) that is known at ``grid`` so far, from where a reading left
+        """Readings (m,) at times ``at`` of a run (n, w) that is known at ``grid`` so far, from where a reading left
         off.
 
         ``past`` is None at the run's start. The grid has to reach back to it, and to the `true_times` that are asked
@@ -171,6 +173,8 @@ class Sensors:
 
     def _run(self, plan, column, at, grid, runs, which, p, P, past, held):
         at, grid = np.ascontiguousarray(at, float), np.ascontiguousarray(grid, float)
+        if plan.columns[-1] >= runs.shape[2]:  # the compiled code checks no bounds
+            raise InputError(f"a sensor reads {OUTPUTS[plan.columns[-1]]}, which was not simulated")
         runs, jobs = np.ascontiguousarray(runs, float), len(which)
         out, x = np.empty((jobs, at.size)), np.zeros((jobs, plan.states))
         if past is not None:
@@ -201,6 +205,15 @@ class Sensors:
         numbers = {name: i for i, name in enumerate(self.known)}
         places = np.cumsum([0, *map(_size, self.faults)]).tolist()
         return {c: _plan(c, self.faults, numbers, places) for c in self.channels}
+
+
+def columns_for(channels: Iterable[str], known: Iterable[Effect]) -> int:
+    """How many of `state.OUTPUTS` a run needs where these channels are read and these effects are known: the motion's,
+    or all."""
+    needed = [INDEX[c] for c in channels]
+    needed += [column for e in known if e.of_sensor for column in sensor_kernel.columns_of(e)]
+    needed += [INDEX[c] for e in known for c in e.channels]
+    return len(MOTION) if max(needed, default=0) < len(MOTION) else len(OUTPUTS)
 
 
 def counts_from_start(model: Model) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names and order of the state and of what a rig can measure.
+"""Names and order of the state and of what a rig can measure; channels beside the motion are declared in `channels`.
 
 Vehicle-dynamics words, which need no frame: surge is the travel (paper z), sway the slip (paper x, left positive),
 heave the lift (paper y, up), roll the angle about the travel. SI and radians.
@@ -7,8 +7,9 @@ heave the lift (paper y, up), roll the angle about the travel. SI and radians.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeAlias
+
+from .channels import Channel, Instrument, declared, instruments
 
 COORDINATES = ("surge", "sway", "heave", "roll")
 RATES = tuple(f"{c}_rate" for c in COORDINATES)
@@ -16,35 +17,24 @@ STATES = COORDINATES + RATES
 GAPS = ("gap_top", "gap_right", "gap_left")
 ACCELERATIONS = tuple(f"{c}_acceleration" for c in COORDINATES)
 
-#: Columns of the simulator's output; all but the last can stand in a measured file.
-OUTPUTS = STATES + GAPS + ACCELERATIONS
-CHANNELS = OUTPUTS[:-1]
+#: Columns of every simulated run.
+MOTION = STATES + GAPS + ACCELERATIONS
+_DECLARED = declared((*MOTION, "pose", "twist", "imu", "pulses", "time", "drive_current"))
+#: Channels beside the motion, each declared in a file of its own, see `channels`.
+FURTHER = tuple(_DECLARED)
+#: Columns that a simulated run may have; all but the roll's acceleration can stand in a measured file.
+OUTPUTS = MOTION + FURTHER
+CHANNELS = tuple(name for name in OUTPUTS if name != "roll_acceleration")
 INDEX = {name: i for i, name in enumerate(OUTPUTS)}
-
-
-@dataclass(frozen=True)
-class Channel:
-    """What is known of a measured channel before any measurement.
-
-    ``unit`` SI; ``noise`` the standard deviation of a good sensor of its kind; ``size`` an error of the reading that
-    would matter; ``span`` how far the channel goes on a rig like the paper's, all in ``unit``. ``title`` is how people
-    say it, ``shown`` the factor and the unit in which reports show it.
-    """
-
-    unit: str
-    noise: float
-    size: float
-    span: float
-    title: str
-    shown: tuple[float, str]
+#: What may jump where the cradle touches the track.
+JUMPING = ACCELERATIONS + FURTHER
 
 
 def _channel(unit: str, noise: float, size: float, span: float, title: str, thousandths: bool = False) -> Channel:
     return Channel(unit, noise, size, span, title, (1e3, f"m{unit}") if thousandths else (1.0, unit))
 
 
-#: Every column of `OUTPUTS`, declared once.
-CHANNEL: dict[str, Channel] = {
+_OF_MOTION: dict[str, Channel] = {
     "surge": _channel("m", 5e-4, 1e-4, 10.0, "Travel (surge)"),
     "sway": _channel("m", 3e-5, 1e-4, 0.01, "Sway", thousandths=True),
     "heave": _channel("m", 3e-5, 1e-4, 0.01, "Heave", thousandths=True),
@@ -63,19 +53,14 @@ CHANNEL: dict[str, Channel] = {
     },
     "roll_acceleration": _channel("rad/s²", 0.5, 0.1, 100.0, "Roll acceleration"),
 }
+#: Every column of `OUTPUTS`, declared once: here, or where a further channel is.
+CHANNEL: dict[str, Channel] = _OF_MOTION | _DECLARED
 UNITS = {name: channel.unit for name, channel in CHANNEL.items()}
 #: Unit of a channel's change per second, by the channel's own.
 RATE_UNITS = {"m": "m/s", "rad": "rad/s", "m/s": "m/s²", "rad/s": "rad/s²", "m/s²": "m/s³", "rad/s²": "rad/s³"}
-
-
-@dataclass(frozen=True)
-class Instrument:
-    """A sensor of the rig: the ``channels`` that it delivers in one ``message`` (a ROS type), and its usual ``rate``
-    (Hz)."""
-
-    channels: tuple[str, ...]
-    message: str
-    rate: float
+RATE_UNITS |= {
+    CHANNEL[name].unit: f"{CHANNEL[name].unit}/s" for name in FURTHER if CHANNEL[name].unit not in RATE_UNITS
+}
 
 
 #: The rig's sensors by the name that their topics and parameters bear, declared once.
@@ -84,7 +69,9 @@ INSTRUMENTS: dict[str, Instrument] = {
     "twist": Instrument(RATES, "geometry_msgs/msg/TwistStamped", 500.0),
     "imu": Instrument(ACCELERATIONS[:3], "sensor_msgs/msg/Imu", 100.0),
     **{gap: Instrument((gap,), "sensor_msgs/msg/Range", 100.0) for gap in GAPS},
-}
+} | instruments(_DECLARED)
+#: The sensors that deliver further channels.
+FURTHER_SENSORS = tuple(instruments(_DECLARED))
 
 
 #: What moves: a number of degrees of freedom, or names of coordinates.

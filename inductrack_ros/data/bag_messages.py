@@ -17,9 +17,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from .. import frames
 from ..core.errors import InputError, did_you_mean, one_line
-from ..core.state import GAPS, INSTRUMENTS
+from ..core.state import FURTHER_SENSORS, GAPS, INSTRUMENTS
 from .bag_files import Bag
 from .measurement import Array
+from .message_fields import fields_of
+from .message_fields import read_field as field_of
 from .order import Place, in_order
 
 TYPES = {name: sensor.message for name, sensor in INSTRUMENTS.items()} | {"pulses": "geometry_msgs/msg/PointStamped"}
@@ -56,9 +58,8 @@ def read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict[
         if message is None:
             continue
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-        numbers = _EXTRACT[mine[0].msgtype](message)
         for reading in mine:
-            reading.add(stamp, numbers)
+            reading.add(stamp, reading.extract(message))
     return {r.key: r.stream(notes) for r in readings if r.count or r.key == "pose"}
 
 
@@ -96,19 +97,19 @@ def read_field(bag: Bag, topic: str, field: str) -> tuple[NDArray[np.int64], Arr
     return np.array(stamps, np.int64)[order], np.array(values)[order]
 
 
-#: The numbers of a message that are looked at.
+#: The numbers of a message that are looked at; of a sensor that declares itself, its fields.
 _EXTRACT: dict[str, Callable[[Any], tuple[float, ...]]] = {
-    TYPES["pose"]: lambda m: (
+    "pose": lambda m: (
         *_xyz(m.pose.position),
         m.pose.orientation.x,
         m.pose.orientation.y,
         m.pose.orientation.z,
         m.pose.orientation.w,
     ),
-    TYPES["twist"]: lambda m: (*_xyz(m.twist.linear), *_xyz(m.twist.angular)),
-    TYPES["imu"]: lambda m: (*_xyz(m.linear_acceleration), float(m.linear_acceleration_covariance[0] == -1)),
-    TYPES["gap_top"]: lambda m: (m.range, m.min_range, m.max_range),
-    TYPES["pulses"]: lambda m: _xyz(m.point),
+    "twist": lambda m: (*_xyz(m.twist.linear), *_xyz(m.twist.angular)),
+    "imu": lambda m: (*_xyz(m.linear_acceleration), float(m.linear_acceleration_covariance[0] == -1)),
+    **{gap: lambda m: (m.range, m.min_range, m.max_range) for gap in GAPS},
+    "pulses": lambda m: _xyz(m.point),
 }
 
 
@@ -146,6 +147,8 @@ class _Reading:
     def __init__(self, where: str, key: str, topic: str) -> None:
         self.where, self.key, self.topic = where, key, topic
         self.msgtype, self.distribution = TYPES[key], Stores.ROS2_JAZZY
+        fields = fields_of(key) if key in FURTHER_SENSORS else ()
+        self.extract = (lambda m: tuple(float(field_of(m, f)) for f in fields)) if fields else _EXTRACT[key]
         self.count = 0  # messages so far
         self.damaged, self.damage = 0, ""  # messages that cannot be decoded, and what is said of the first
         self._stamps, self._columns = array("q"), [array("d") for _ in COLUMNS[key]]
@@ -155,7 +158,7 @@ class _Reading:
         self._askew = 0.0  # rad, the most that a pose is turned otherwise than by its roll
 
     def add(self, stamp: int, numbers: tuple[float, ...]) -> None:
-        """Take a message's stamp (ns) and the numbers that `_EXTRACT` gives."""
+        """Take a message's stamp (ns) and the numbers that `extract` gives."""
         self.count += 1
         self._stamps.append(stamp)
         self._pending.extend(numbers)
@@ -251,6 +254,8 @@ class _Reading:
             return numbers
         numbers = np.where(broken, np.nan, numbers)
         self._lost += int(broken.any(axis=1).sum())
+        if self.key in FURTHER_SENSORS:
+            return numbers
         if self.key == "imu":
             return np.where((numbers[:, 3:] == 0) & ~broken.any(axis=1, keepdims=True), numbers[:, :3], np.nan)
         if self.key == "twist":
@@ -290,6 +295,7 @@ class _Reading:
 
 #: Numbers that `_EXTRACT` gives for each key.
 _EXTRACTED = {"pose": 7, "twist": 6, "imu": 4, **dict.fromkeys(GAPS, 3), "pulses": 3}
+_EXTRACTED |= {sensor: len(COLUMNS[sensor]) for sensor in FURTHER_SENSORS}
 
 
 def _within_range(numbers: Array) -> NDArray[np.bool_]:

@@ -18,9 +18,10 @@ from .. import frames
 from ..core.errors import InputError
 from ..core.model import Pulses
 from ..core.rig import Record
-from ..core.state import COORDINATES, GAPS, RATES
+from ..core.state import COORDINATES, FURTHER_SENSORS, GAPS, RATES
 from .bags import MEASURED, ODOMETRY, PULSE_TOPICS, TRUTH, TYPES
 from .measurement import Array
+from .message_fields import blank_message, fields_of, write_field
 
 
 def write_bag(
@@ -87,6 +88,16 @@ class _Bag:
             connection, stamp, self._store.serialize_cdr(kind(*fields), msgtype)
         )
 
+    def add_readings(self, sensor: str, stamps: list[int], readings: Array) -> None:
+        """Write what a sensor that declares itself delivered: its readings (m, c) go into the fields of its message."""
+        connection = self._writer.add_connection(MEASURED + sensor, TYPES[sensor], typestore=self._store)
+        message, fields = blank_message(TYPES[sensor]), fields_of(sensor)
+        for stamp, row in zip(stamps, readings.tolist(), strict=True):
+            message.header = self.header(stamp)
+            for field, value in zip(fields, row, strict=True):
+                write_field(message, field, value)
+            self._writer.write(connection, stamp, self._store.serialize_cdr(message, TYPES[sensor]))
+
 
 def _write_measured(
     bag: _Bag, measured: Mapping[str, Record], start: float, gravity: float, child_frame_id: str
@@ -96,8 +107,11 @@ def _write_measured(
     no_covariance = np.zeros(9)
     not_measured = np.array([-1.0, *no_covariance[1:]])
     for sensor, record in measured.items():
-        write = bag.add(MEASURED + sensor, TYPES[sensor])
         stamps = (_nanoseconds(record.times) + _nanoseconds(start)).tolist()
+        if sensor in FURTHER_SENSORS:
+            bag.add_readings(sensor, stamps, record.readings)
+            continue
+        write = bag.add(MEASURED + sensor, TYPES[sensor])
         if sensor == "pose":
             position, orientation = frames.coordinates_to_pose(record.readings)
             for stamp, p, q in zip(stamps, position.tolist(), orientation.tolist(), strict=True):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .. import frames
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Pulses
-from ..core.state import CHANNELS, GAPS
+from ..core.state import CHANNELS, FURTHER_SENSORS, GAPS
 from .bag_files import Bag, Topic, open_bag
 from .bag_messages import BLOCK, TYPES, Stream, read_field, read_streams
 from .bag_storage import unpacked_name
@@ -38,6 +38,7 @@ _ABOUT_ROS = (
 _OURS = (
     *("pose", "twist", "odometry", "imu", *GAPS, "fired_pulses", "drive_pulses", "residual/pose", "residual/twist"),
     *("missing_force", "missing_force_sigma"),
+    *(f"residual/{sensor}" for sensor in FURTHER_SENSORS),
 )
 _OUR_FOLDERS = ("wrench/", "lockstep/")
 
@@ -51,7 +52,7 @@ def read_bag(
 ) -> Run:
     """Read one run from a rosbag2 folder or one of its files, as `bag_files.open_bag` takes them.
 
-    topics: topic of `pose`, `twist`, `imu`, `gap_top`, `gap_right`, `gap_left`, `pulses`; None leaves one out. Where
+    topics: topic of each of `core.state.INSTRUMENTS` and of `pulses`; None leaves one out. Where
         a key is absent, the topic of that name beside the given pose; without one `/inductrack/measured/<key>`, or
         `/inductrack/<key>` in a bag that has nothing under `measured/`. A pose is required, the others are read if
         they are there.

@@ -107,7 +107,8 @@ class Campaign:
                 lines.append(f"{_some(silent)}: no condition '{name}'; {model.condition(name, default):g} is taken")
         measured = dict.fromkeys(name for run in self.runs for name in run.inputs if name != "drive_current")
         lines += [
-            f"input '{name}' is read and not used: the model takes no input that changes in time" for name in measured
+            f"input '{name}' is read and not used: the model takes only drive_current as it was measured in time"
+            for name in measured
         ]
         return replace(self, remarks=(*self.remarks, *lines))
 
@@ -233,8 +234,8 @@ def _run(section: Section, file: Path, name: str, reading: _Reading) -> Run:
     current = section.number("drive_current") if section.get("drive_current") is not None else None
     conditions = read_conditions(section)
     run, notes = reading.run(file, name), ()
-    if current is None and "drive_current" in run.inputs:
-        current, notes = _mean_current(run.inputs["drive_current"][1])
+    if "drive_current" in run.inputs:
+        current, notes = _mean_current(run.inputs["drive_current"][1], current)
     if current is None and run.pulses is None:
         raise section.error(
             "file",
@@ -250,13 +251,17 @@ def _run(section: Section, file: Path, name: str, reading: _Reading) -> Run:
     )
 
 
-def _mean_current(measured: np.ndarray) -> tuple[float | None, tuple[str, ...]]:
-    """The current of a run whose current was measured in time, and what is to be said of that."""
+def _mean_current(measured: np.ndarray, given: float | None) -> tuple[float | None, tuple[str, ...]]:
+    """The mean current of a run whose current was measured in time, and what is to be said of that; ``given`` is what
+    the campaign says of it."""
     if not measured.size:
-        return None, ()
+        return given, ()
     low, mean, high = float(measured.min()), float(measured.mean()), float(measured.max())
-    note = f"drive_current was measured from {low:.4g} to {high:.4g} A; the model takes its mean, {mean:.4g} A"
-    return mean, (note,) if high - low > 0.01 * abs(mean) else ()
+    steady = high - low <= 0.01 * abs(mean)
+    notes = [] if steady else [f"drive_current was measured from {low:.4g} to {high:.4g} A; the drive follows it"]
+    if given is not None and abs(given - mean) > 0.01 * abs(mean):
+        notes.append(f"drive_current is {given:.4g} A in campaign.yaml and {mean:.4g} A as measured, which is taken")
+    return mean, tuple(notes)
 
 
 def _line(entry: Any, default: int) -> int:

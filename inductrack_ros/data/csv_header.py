@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import InputError
+from ..core.state import CHANNEL, CHANNELS
 from .csv_cells import COMMENT, SEPARATORS, is_data, is_time, is_words, number, split
 from .units import SI, any_factor, factor
 
@@ -17,6 +18,8 @@ TIME = "time"
 _TIME_NAMES = (
     "t timestamp time_stamp stamp zeit temps datetime date_time elapsed elapsed_time relative_time rel_time seconds"
 ).split()
+#: Further names of channels, as they declare them.
+_ALIASES = {alias: name for name in CHANNELS for alias in CHANNEL[name].columns}
 #: Rows in which the header is looked for.
 HEAD = 1000
 #: Rows below the header that may say more about the columns, such as their units.
@@ -176,7 +179,9 @@ def parts(header: str) -> tuple[str, str]:
 
 
 def plain(name: str) -> str:
-    """A name in our spelling: `Surge Rate` → `surge_rate`."""
+    """A name in our spelling: `Surge Rate` → `surge_rate`; the channel's own where it declares this name."""
+    if name.strip() in _ALIASES:
+        return _ALIASES[name.strip()]
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.strip().strip("\"'_"))
     name = re.sub(r"[\s\-]+", "_", name.lower())
-    return TIME if name in _TIME_NAMES else name
+    return TIME if name in _TIME_NAMES else _ALIASES.get(name, name)

@@ -25,7 +25,7 @@ class Run:
     - times: (n,) s, strictly increasing, 0 at the first sample
     - values: (n, c) SI units, NaN where not measured; no column and no time is wholly NaN in a bag, no column in a CSV
     - stamps: (n,) time as the file has it: float seconds (CSV) or whole nanoseconds (bag: a float would lose 0.2 µs)
-    - drive_current: A; 0 is coasting
+    - drive_current: A; 0 is coasting; the mean where it was measured in time and stands in ``inputs``
     - initial_state: what is known of the state at time 0, by name; the rest is to be estimated
     - pulses: the drive, where the bag holds the pulses that were fired, by time on the run's clock; None:
       `drive_current`, averaged

@@ -32,11 +32,15 @@ _SPECIAL = {
 }
 #: Unit of every column that a run may have.
 SI = {"time": "s", "drive_current": "A"} | {c: UNITS[c] for c in CHANNELS}
+#: Units that are known by their parts; any other is a word, with or without a prefix.
+_KNOWN = (*_TABLES, *(f"{top}/{bottom}" for top in ("m", "rad") for bottom in ("s", "s²")))
+_SCALES = _PREFIXES | {"M": 1e6, "G": 1e9}
+_SHARES = {"": 1.0, "1": 1.0, "-": 1.0, "%": 1e-2, "‰": 1e-3, "ppm": 1e-6}
 
 
 def factor(unit: str, si: str) -> float | None:
-    """What a number in ``unit`` is multiplied with to be in ``si`` (m, rad, s, A, m/s, rad/s, m/s²); None for a unit of
-    something else."""
+    """What a number in ``unit`` is multiplied with to be in ``si`` (m, rad, s, A, m/s, rad/s, m/s², or what a channel
+    is in); None for a unit of something else."""
     unit = unit.strip().replace("μ", "µ")  # the Greek letter and the sign
     for spelling in (unit, unit.lower()):
         value = _factor(spelling, si)
@@ -47,12 +51,15 @@ def factor(unit: str, si: str) -> float | None:
 
 def any_factor(unit: str) -> float | None:
     """The same for whatever ``unit`` measures."""
-    return next((f for si in (*_TABLES, "m/s", "rad/s", "m/s²") if (f := factor(unit, si)) is not None), None)
+    every = dict.fromkeys((*_KNOWN, *SI.values()))
+    return next((f for si in every if (f := factor(unit, si)) is not None), None)
 
 
 def _factor(unit: str, si: str) -> float | None:
     if unit in _SPECIAL.get(si, {}):
         return _SPECIAL[si][unit]
+    if si not in _KNOWN:
+        return _of_a_word(unit, si)
     above, _, below = si.partition("/")
     if not below:
         singular = unit[:-1] if unit.endswith("s") and len(unit) > 3 else unit
@@ -66,3 +73,11 @@ def _factor(unit: str, si: str) -> float | None:
     if top is None or bottom is None or exponent != power:
         return None
     return top / bottom**power
+
+
+def _of_a_word(unit: str, si: str) -> float | None:
+    """The same where ``si`` is a word such as N, V, °C or N·m, or empty for a share."""
+    if not si:
+        return _SHARES.get(unit)
+    word, bare = (re.sub(r"[·*. ⋅]", "", text) for text in (si, unit))
+    return next((scale for prefix, scale in _SCALES.items() if bare == prefix + word), None)

@@ -84,6 +84,9 @@ def thetas(structure: Structure, theta: np.ndarray, name: str, asked: Tried) -> 
 
 
 def ranges(outputs: Sequence[np.ndarray]) -> dict[str, tuple[float, float]]:
-    """The range of every column of `state.OUTPUTS` over runs (n, 15)."""
+    """The range of every column of `state.OUTPUTS` over runs (n, w), as far as they have it."""
     every = np.concatenate(outputs)
-    return {name: (float(np.nanmin(every[:, k])), float(np.nanmax(every[:, k]))) for k, name in enumerate(OUTPUTS)}
+    return {
+        name: (float(np.nanmin(every[:, k])), float(np.nanmax(every[:, k])))
+        for k, name in enumerate(OUTPUTS[: every.shape[1]])
+    }

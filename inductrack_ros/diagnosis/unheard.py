@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..core.state import OUTPUTS
 from ..estimation.kalman import MUTE, LinearRun
 from ..estimation.likelihood import weigh
 from ..estimation.linear import outputs_of, read
@@ -36,7 +35,7 @@ def unheard(problem: Problem, f: Fit, name: str, start: Mapping[str, float]) -> 
         outputs, own = outputs_of(problem, f, i), np.flatnonzero(data.channel == mine)
         shown = []
         for side in (-REACH, REACH):
-            moved = outputs.reshape(len(data.grid), 1, len(OUTPUTS)).copy()
+            moved = outputs[:, None].copy()
             moved[data.row[own], 0, data.column[own]] += side * problem.sigma[mine]
             shown.append(read(problem, faulty, i, moved, none)[0][own])
         found = np.zeros(len(data.y), bool)

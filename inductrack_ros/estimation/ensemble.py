@@ -10,7 +10,7 @@ import numpy as np
 from ..core.errors import InputError, did_you_mean
 from ..core.lanes import LANES
 from ..core.model import Model
-from ..core.state import OUTPUTS
+from ..core.state import MOTION
 from ..workers import Cluster, Threads
 
 #: Runs in one task: a few milliseconds of work, and whole groups of lanes.
@@ -27,7 +27,7 @@ def ensemble(
     workers: Threads | Cluster | None = None,
     reduced: Callable[[np.ndarray], np.ndarray] = np.asarray,
 ) -> np.ndarray:
-    """Outputs (runs, n, 15), columns as in `state.OUTPUTS`, of runs by the averaged drive through ``times`` (n,),
+    """Outputs (runs, n, 15), columns as in `state.MOTION`, of runs by the averaged drive through ``times`` (n,),
     rising.
 
     ``states`` (runs, 8) are where they start, at the first of ``times``; ``parameters`` maps full names (``eta``,
@@ -64,7 +64,7 @@ def ensemble(
         full[:, :8] = x
         if model.carries_states:  # else they stay as they are, and move nothing
             full[:] = [model.with_effect_states(s, times[0], p) for s, p in zip(x, P, strict=True)]
-        out = np.empty((len(x), times.size, len(OUTPUTS)))
+        out = np.empty((len(x), times.size, len(MOTION)))
         done = np.zeros(len(x), np.int64)  # rows of each run
         if in_lanes:
             model.kernel.fly(times, times[0], full, P, model.moving, out, done)

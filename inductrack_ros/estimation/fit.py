@@ -247,9 +247,7 @@ def _settled(problem: Problem, held: Structure, states: Sequence[np.ndarray]) ->
     """Initial states after some steps of each run by itself, nothing else being free."""
 
     def task(i: int) -> np.ndarray:
-        alone = problem.subset([i])
-        alone.threads = 1
-        return fit(alone, held, [states[i]], iterations=SETTLE, tolerance=0.1, one_sided=True).states[0]
+        return fit(problem.subset([i]), held, [states[i]], iterations=SETTLE, tolerance=0.1, one_sided=True).states[0]
 
     return problem.for_runs(task)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.effects.stand_in import basis
 from ..core.model import Model
-from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, OUTPUTS, STATES
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOTION, STATES
 from .kalman import Columns, LinearRun
 from .problem import GRID, STATE_PRIOR, Problem, RunData
 from .response import STATE_STEPS, VARIABLES
@@ -170,9 +170,11 @@ def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarra
 
 def mean_pulse(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Current (n,) of the pulses that burn during each piece of a trajectory, averaged over it, A: what they do over
-    what one ampere would."""
-    if problem.runs[i].averaged:
-        return np.zeros(len(path))
+    what one ampere would. Of an averaged drive, what flows beyond the run's current."""
+    data = problem.runs[i]
+    if data.averaged:
+        beyond = data.drive - data.run.drive_current
+        return 0.5 * (beyond + np.append(beyond[1:], beyond[-1]))
     free, thetas = _thrust_changed(structure, theta)
     _, ends = pieces(problem, free, i, thetas, np.zeros((2, path.shape[1])), path)
     _, one = forced(problem, free, i, thetas, path, np.ones(len(path)))
@@ -189,10 +191,7 @@ def _thrust_changed(structure: Structure, theta: np.ndarray) -> tuple[Structure,
 
 def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
     """Histories (n,) of what a force may depend on along a trajectory (n, N) of a run."""
-    found = {s: path[:, k] for k, s in enumerate(STATES)} | {
-        "time": data.grid,
-        "drive": np.full(len(path), data.run.drive_current),
-    }
+    found = {s: path[:, k] for k, s in enumerate(STATES)} | {"time": data.grid, "drive": data.drive}
     return {v: np.ascontiguousarray(found[v]) for v in VARIABLES}
 
 
@@ -218,7 +217,7 @@ def pieces(
     offsets and theta."""
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, thetas)
-    outputs, ends = np.empty((len(path), len(offsets), len(OUTPUTS))), np.empty((len(path), *offsets.shape))
+    outputs, ends = np.empty((len(path), len(offsets), problem.width)), np.empty((len(path), *offsets.shape))
     model.kernel.linearise_pieces(
         data.grid, np.ascontiguousarray(path), offsets, P, model.switches, model.moving, float(path[0, 0]),
         data.averaged, *data.pulses, 1.0, outputs, ends,
@@ -229,7 +228,7 @@ def pieces(
 def next_state(problem: Problem, model: Model, i: int, P: np.ndarray, path: np.ndarray, k: int) -> np.ndarray:
     """The state (N,) that the model flies to at node k + 1 of run i from that at node k of a trajectory (n, N), under
     a row of P (1, p)."""
-    data, x, row = problem.runs[i], path[k : k + 1].copy(), np.empty((1, 1, len(OUTPUTS)))
+    data, x, row = problem.runs[i], path[k : k + 1].copy(), np.empty((1, 1, len(MOTION)))
     model.kernel.simulate_batch(
         data.grid[k + 1 : k + 2], float(data.grid[k]), x, P, model.switches[None], model.moving, path[:1, 0].copy(),
         data.averaged, *data.pulses, 1.0, row,
@@ -244,7 +243,7 @@ def forced(
     until the next (n, jobs, 8), for each theta; ``pulses`` (n,) as `mean_pulse` gives them."""
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, thetas)
-    outputs, changes = np.empty((len(path), len(P), len(OUTPUTS))), np.empty((len(path), len(P), 8))
+    outputs, changes = np.empty((len(path), len(P), problem.width)), np.empty((len(path), len(P), 8))
     model.kernel.forced_pieces(
         data.grid, np.ascontiguousarray(path), P, model.switches, model.moving, float(path[0, 0]), data.averaged,
         pulses, *data.pulses, outputs, changes,

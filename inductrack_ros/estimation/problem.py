@@ -8,9 +8,7 @@ perturbations of one run are one batch; runs are spread over threads, for the co
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,9 +18,11 @@ from ..core.effects.stand_in import basis
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.model import Pulses as ModelPulses
-from ..core.state import ACCELERATIONS, COORDINATES, INDEX, MOVING, OUTPUTS, RATES, STATES, Dof
+from ..core.sensors import columns_for
+from ..core.state import ACCELERATIONS, COORDINATES, INDEX, MOVING, RATES, STATES, Dof
 from ..data.campaign import Campaign
 from ..data.measurement import Run
+from ..workers import Threads
 from .response import STATE_STEPS, VARIABLES, RunResponse
 from .structure import Structure
 
@@ -50,8 +50,14 @@ class RunData:
     channel: np.ndarray
     fixed: np.ndarray  # (8,) True where the initial state is given or held
     guess: np.ndarray  # (8,) first guess, exact where fixed
-    pulses: tuple[np.ndarray, np.ndarray, np.ndarray]
+    pulses: tuple[np.ndarray, np.ndarray, np.ndarray]  # as the kernel takes them; see `_measured_current`
     averaged: bool
+
+    @property
+    def drive(self) -> np.ndarray:
+        """The drive's current (n,) A on the grid, as far as it is known: single pulses are not in it."""
+        beyond = np.interp(self.grid, self.pulses[0], self.pulses[2]) if self.averaged and self.pulses[0].size else 0.0
+        return self.run.drive_current + beyond * np.ones(len(self.grid))
 
     @property
     def free_states(self) -> np.ndarray:
@@ -95,10 +101,23 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: Dof) -> RunDat
         p = ModelPulses(run.pulses.times, run.pulses.coils, run.pulses.currents)
         begun, places, currents = (np.ascontiguousarray(a, float) for a in p.arrays(model.parameters["wavelength"]))
         pulses = begun, places, currents
+    elif averaged and "drive_current" in run.inputs:
+        pulses = _measured_current(run)
     return RunData(
         run, grid, np.searchsorted(grid, times[r]), columns[c], times[r], run.values[r, c], names[c], fixed, guess,
         pulses, averaged,
     )  # fmt: skip
+
+
+def _measured_current(run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (m,) s and what flowed beyond the run's drive current (m,) A, where it was measured in time, as the
+    averaged drive takes them."""
+    times, values = run.inputs["drive_current"]
+    return (
+        np.ascontiguousarray(times, float),
+        np.zeros(len(times)),
+        np.ascontiguousarray(values, float) - run.drive_current,
+    )
 
 
 def _first_guess(run: Run, model: Model, dof: Dof) -> np.ndarray:
@@ -146,7 +165,8 @@ class Problem:
     """All runs of a campaign with the noise of each channel, ready to be predicted and fitted.
 
     ``sigma`` (c,) is the noise by channel in the order of ``channels``; ``runs`` are `RunData`; ``limits`` are the
-    rig's. A subset of runs is another `Problem` that shares everything (`subset`)."""
+    rig's; ``width`` is how many of `state.OUTPUTS` are simulated. A subset of runs is another `Problem` that shares
+    everything (`subset`)."""
 
     def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float], threads: int | None = None):
         self.channels = campaign.channels
@@ -154,7 +174,8 @@ class Problem:
         self.model = model if model.dof == self.dof else model.with_changes(dof=self.dof)
         self.sigma = np.array([sigma[c] for c in self.channels])
         self.runs = tuple(lay_out(run, self.model, self.channels, self.dof) for run in campaign.runs)
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = Threads(threads)
+        self.width = columns_for(self.channels, self.model.known_effects.values())
         self.variances: tuple[np.ndarray, ...] = ()
 
     def subset(self, indices: Sequence[int]) -> Problem:
@@ -195,10 +216,7 @@ class Problem:
 
     def for_runs(self, task: Callable[[int], object]) -> list:
         """``task(i)`` for every run, on the machine's threads, results in order."""
-        if self.threads == 1 or len(self.runs) == 1:
-            return [task(i) for i in range(len(self.runs))]
-        with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(task, range(len(self.runs))))
+        return self.threads.map(task, range(len(self.runs)))
 
     def vectors(self, structure: Structure, i: int, thetas: np.ndarray) -> np.ndarray:
         """Kernel parameter vectors (j, p) of run i for each row of thetas (j, g)."""
@@ -210,7 +228,7 @@ class Problem:
         return P
 
     def simulate(self, structure: Structure, i: int, thetas: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Outputs (j, n, 15) of run i on its grid for each row of thetas and states (j, 8)."""
+        """Outputs (j, n, w) of run i on its grid for each row of thetas and states (j, 8)."""
         return self._simulated(structure.model, i, self.vectors(structure, i, thetas), states)
 
     def _simulated(self, model: Model, i: int, P: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -221,7 +239,7 @@ class Problem:
         if model.carries_states:
             for j in range(len(x)):
                 x[j] = model.with_effect_states(x[j], P=P[j], pulses=None if data.averaged else data.pulses)
-        out = np.empty((len(states), data.grid.size, len(OUTPUTS)))
+        out = np.empty((len(states), data.grid.size, self.width))
         model.kernel.simulate_batch(
             data.grid, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses,
             1.0, out,
@@ -239,7 +257,7 @@ class Problem:
     def predict(
         self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray, which: np.ndarray | None = None
     ) -> np.ndarray:
-        """What the sensors of run i would read, (j, m), from simulated outputs (u, n, 15); NaN outside the run.
+        """What the sensors of run i would read, (j, m), from simulated outputs (u, n, w); NaN outside the run.
 
         Row j of thetas reads ``out[which[j]]``, or ``out[j]`` unless given.
         """

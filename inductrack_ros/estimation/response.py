@@ -52,9 +52,8 @@ class RunResponse:
     @property
     def variables(self) -> dict[str, np.ndarray]:
         """Histories (n,) of what a force may depend on."""
-        n = len(self.grid)
         histories = {s: self.outputs[:, INDEX[s]] for s in STATES}
-        return histories | {"time": self.grid, "drive": np.full(n, self.data.run.drive_current)}
+        return histories | {"time": self.grid, "drive": self.data.drive}
 
     def measured(self, variable: str) -> np.ndarray:
         """What the run's sensor saw of a variable, all of the run; empty where it has none."""
@@ -63,8 +62,10 @@ class RunResponse:
             run.times if variable == "time" else run.samples(variable)[1] if variable in run.channels else np.empty(0)
         )
 
-    def quantities(self, names: Sequence[str], raised: float = 0.0, on: np.ndarray | None = None) -> np.ndarray:
-        """Quantities (n, q) of the equations along the run, the cradle ``raised`` above where it was (m); ``on`` other
+    def quantities(
+        self, names: Sequence[str], offset: np.ndarray | float = 0.0, on: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Quantities (n, q) of the equations along the run, its states moved by an ``offset`` (8,); ``on`` other
         switches."""
         model, data = self.model, self.data
         on = model.switches if on is None else on
@@ -72,8 +73,7 @@ class RunResponse:
         columns = [QUANTITIES.index(n) for n in names]
         out = np.zeros((len(self.grid), len(columns)))
         for k, t in enumerate(self.grid):
-            x[:8] = self.outputs[k, :8]
-            x[INDEX["heave"]] += raised
+            x[:8] = self.outputs[k, :8] + offset
             model.kernel.evaluate(t, x, self.P, on, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
             out[k] = q[columns]
         return out
@@ -108,8 +108,17 @@ class RunResponse:
             return state[:, STATES.index(name)]
         if name in GAPS:
             return np.einsum("c,ncl->nl", self.geometry[GAPS.index(name)], state[:, :4])
-        rate = state[:, 4 + ACCELERATIONS.index(name)]
-        return np.gradient(rate, self.grid, axis=0)
+        if name in ACCELERATIONS:
+            return np.gradient(state[:, 4 + ACCELERATIONS.index(name)], self.grid, axis=0)
+        return np.einsum("ns,nsl->nl", self._slopes(name), state)
+
+    def _slopes(self, name: str) -> np.ndarray:
+        """Derivative (n, 8) of a channel beside the motion by the states along the run."""
+        moved = np.diag(STATE_STEPS)
+        ahead, behind = (
+            np.column_stack([self.quantities([name], side * offset)[:, 0] for offset in moved]) for side in (1.0, -1.0)
+        )
+        return (ahead - behind) / (2.0 * STATE_STEPS)
 
 
 def gap_geometry(model) -> np.ndarray:

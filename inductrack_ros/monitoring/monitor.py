@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measured poses, twists and pulses in, as they come; fitted windows and what they say of the model out."""
+"""What sensors and pulses say in, as they come; fitted windows and what they say of the model out."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..core.model import Model, Pulses
-from ..core.state import COORDINATES
+from ..core.state import CHANNEL, COORDINATES, FURTHER, FURTHER_SENSORS, INDEX, INSTRUMENTS, OUTPUTS, STATES
 from .evidence import Detector
 from .region import regions
 from .window import Fit, Samples, WindowFit
 
+#: The sensors that it listens to, and their channels.
+SENSORS = ("pose", "twist", *FURTHER_SENSORS)
+SEEN = (*STATES, *FURTHER)
+_COLUMNS = {sensor: np.array([INDEX[c] for c in INSTRUMENTS[sensor].channels]) for sensor in SENSORS}
 #: s that a window waits after its end for what is on its way on other topics.
 WAIT = 0.02
 #: m; a pose so far behind the last one, or a stamp that goes back by a whole window, begins a new run.
@@ -52,8 +56,9 @@ class Counts:
 
 @dataclass
 class Monitor:
-    """``noise`` (8,) standard deviations of the eight states; ``length`` s of a window; ``memory`` s that the verdict
-    looks back; ``false_alarms`` an hour at most, on average, while the model is complete."""
+    """``noise`` (c,) standard deviations of the first of `SEEN`, the others being as declared; ``length`` s of a
+    window; ``memory`` s that the verdict looks back; ``false_alarms`` an hour at most, on average, while the model is
+    complete."""
 
     model: Model
     noise: np.ndarray
@@ -63,6 +68,8 @@ class Monitor:
     counts: Counts = field(default_factory=Counts)
 
     def __post_init__(self) -> None:
+        self._declared = np.array([CHANNEL[c].noise for c in OUTPUTS])
+        self._declared[[INDEX[c] for c in SEEN[: len(self.noise)]]] = self.noise
         self._forget_run()
         self.change(self.model)
 
@@ -80,16 +87,20 @@ class Monitor:
 
     def pose(self, stamp: int, coordinates: np.ndarray) -> None:
         """Surge, sway, heave, roll (4,) measured at ``stamp`` (ns)."""
-        if self._take(0, stamp, coordinates):
+        if self._take("pose", stamp, coordinates):
             if self._surge is not None and coordinates[0] < self._surge - BACK:
-                self._restart(0, stamp, coordinates)
+                self._restart("pose", stamp, coordinates)
             self._surge = coordinates[0]
             if self._epoch is None:
                 self._epoch, self._origin = stamp, float(coordinates[0])
 
     def twist(self, stamp: int, rates: np.ndarray) -> None:
         """Their rates (4,)."""
-        self._take(1, stamp, rates)
+        self._take("twist", stamp, rates)
+
+    def further(self, sensor: str, stamp: int, reading: np.ndarray) -> None:
+        """What one of `state.FURTHER_SENSORS` read, in the order of its channels."""
+        self._take(sensor, stamp, reading)
 
     def pulse(self, stamp: int, coil: float, current: float, fired: bool) -> None:
         """A drive pulse that begins at ``stamp``; once any is reported ``fired``, mere commands are passed over."""
@@ -102,31 +113,31 @@ class Monitor:
         else:
             self.counts.not_numbers += 1
 
-    def _take(self, kind: int, stamp: int, values: np.ndarray) -> bool:
+    def _take(self, sensor: str, stamp: int, values: np.ndarray) -> bool:
         if not (np.isfinite(values).all() and np.abs(values).max() < ABSURD):
             self.counts.not_numbers += 1
             return False
-        last = self._last[kind]
+        last = self._last[sensor]
         if last is not None and stamp <= last:
             if stamp < last - self.length * 1e9:
-                self._restart(kind, stamp, values)
+                self._restart(sensor, stamp, values)
                 return True
             self.counts.out_of_order += stamp < last  # the same again: it stands still
             return False
-        self._last[kind] = stamp
-        self._waiting[kind].append((stamp, values))
+        self._last[sensor] = stamp
+        self._waiting[sensor].append((stamp, values))
         return True
 
-    def _restart(self, kind: int, stamp: int, values: np.ndarray) -> None:
+    def _restart(self, sensor: str, stamp: int, values: np.ndarray) -> None:
         self.counts.restarts += 1
         self._forget_run()
-        self._last[kind] = stamp
-        self._waiting[kind].append((stamp, values))
+        self._last[sensor] = stamp
+        self._waiting[sensor].append((stamp, values))
 
     def _forget_run(self) -> None:
-        self._waiting: tuple[deque, deque] = (deque(maxlen=MOST_WAITING), deque(maxlen=MOST_WAITING))
+        self._waiting: dict[str, deque] = {sensor: deque(maxlen=MOST_WAITING) for sensor in SENSORS}
         self._pulses: deque = deque(maxlen=MOST_WAITING)
-        self._last: list[int | None] = [None, None]
+        self._last: dict[str, int | None] = dict.fromkeys(SENSORS)
         self._epoch: int | None = None
         self._surge: float | None = None
         self._origin, self._fired = 0.0, False
@@ -137,29 +148,30 @@ class Monitor:
         """The windows that are complete by now, oldest first."""
         found = []
         length, wait = round(self.length * 1e9), round(WAIT * 1e9)
-        while self._epoch is not None and self._waiting[0] and self._last[0] - self._waiting[0][0][0] >= length + wait:
-            begin = self._waiting[0][0][0]
+        poses = self._waiting["pose"]
+        while self._epoch is not None and poses and self._last["pose"] - poses[0][0] >= length + wait:
+            begin = poses[0][0]
             found.append(self._judge(begin, begin + length))
         return found
 
     def _judge(self, begin: int, end: int) -> Window:
         rows = []
-        for kind, waiting in enumerate(self._waiting):
+        for sensor, waiting in self._waiting.items():
             while waiting and waiting[0][0] < end:
                 stamp, values = waiting.popleft()
                 if stamp >= begin:
-                    rows.append((stamp, 4 * kind, values))
-        stamps = np.repeat([row[0] for row in rows], 4)
-        columns = np.concatenate([np.arange(first, first + 4) for _, first, _ in rows])
+                    rows.append((stamp, _COLUMNS[sensor], values))
+        stamps = np.repeat([row[0] for row in rows], [len(row[1]) for row in rows])
+        columns = np.concatenate([row[1] for row in rows])
         values = np.concatenate([row[2] for row in rows])
         samples = Samples((stamps - self._epoch) / 1e9, columns, _unwrapped(columns, values))
         pulses = self._burning(begin, end)
-        fit = self._fit.fit(samples, self.noise * self.noise_ratio, pulses, self._origin)
+        fit = self._fit.fit(samples, self._declared * self.noise_ratio, pulses, self._origin)
         if fit is not None:
             before = self.noise_ratio
             self._noise_found.append(self._noise_in(samples, fit, before))
             if (self.noise_ratio > 1.1 * before).any():  # the sensors are worse than declared
-                fit = self._fit.fit(samples, self.noise * self.noise_ratio, pulses, self._origin)
+                fit = self._fit.fit(samples, self._declared * self.noise_ratio, pulses, self._origin)
         self._learn(fit)
         return Window(begin, end, stamps, samples, fit)
 
@@ -176,21 +188,22 @@ class Monitor:
         return Pulses(*rows.T)
 
     def _noise_in(self, samples: Samples, fit: Fit, ratio: np.ndarray) -> np.ndarray:
-        """Mean squares (8,) of what the fit leaves, over the declared noise; NaN for a channel that was not
-        measured."""
+        """Mean squares of what the fit leaves, over the declared noise, for each of `state.OUTPUTS`; NaN for a
+        channel that was not measured."""
         known = np.isfinite(fit.left)
         columns = samples.column[known]
-        count = np.bincount(columns, minlength=8)[:8]
-        squares = np.bincount(columns, fit.left[known] ** 2, minlength=8)[:8]
+        count = np.bincount(columns, minlength=len(OUTPUTS))
+        squares = np.bincount(columns, fit.left[known] ** 2, minlength=len(OUTPUTS))
         unknowns = len(self._fit.states) + len(self._fit.forces)
         with np.errstate(invalid="ignore", divide="ignore"):
             return squares / (count * (1.0 - unknowns / known.sum())) * ratio**2
 
     @property
     def noise_found(self) -> np.ndarray:
-        """Noise (8,) of the last windows over the declared one; NaN where nothing was measured."""
+        """Noise of the last windows over the declared one, for each of `state.OUTPUTS`; NaN where nothing was
+        measured."""
         if not self._noise_found:
-            return np.full(8, np.nan)
+            return np.full(len(OUTPUTS), np.nan)
         rows = np.array(self._noise_found)
         known = np.isfinite(rows)
         with np.errstate(invalid="ignore"):
@@ -198,7 +211,7 @@ class Monitor:
 
     @property
     def noise_ratio(self) -> np.ndarray:
-        """By how much (8,) the declared noise is raised: sensors may be worse than declared, not better."""
+        """By how much the declared noise is raised: sensors may be worse than declared, not better."""
         return np.fmax(self.noise_found, 1.0)
 
     def _learn(self, fit: Fit | None) -> None:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.model import Model, Pulses
-from ..core.sensors import Past, Sensors
-from ..core.state import CHANNEL, COORDINATES, INDEX, MOVING, OUTPUTS, RATES, STATES
+from ..core.sensors import Past, Sensors, columns_for
+from ..core.state import CHANNEL, COORDINATES, FURTHER, INDEX, MOVING, OUTPUTS, RATES, STATES
 from ..estimation.response import STATE_STEPS
 
 #: Longest interval (s) over which the force acts as one kick at either end.
@@ -65,6 +65,7 @@ class WindowFit:
         self.model = model
         moving = MOVING[model.dof]
         self.states = [i for i, s in enumerate(STATES) if s.removesuffix("_rate") in (*moving, "surge")]
+        self.read = [*self.states, *(INDEX[c] for c in FURTHER)]
         self.forces = [i for i, c in enumerate(COORDINATES) if c in moving]
         p = model.parameters
         self._inverse_inertia = np.array([1 / p["mass"]] * 3 + [1 / p["roll_inertia"]]) * model.moving
@@ -76,8 +77,8 @@ class WindowFit:
         return min([time, *(float(self._sensors.true_times(c, at)[0]) for c in self._sensors.channels)])
 
     def fit(self, samples: Samples, sigma: np.ndarray, pulses: Pulses | None = None, origin: float = 0.0) -> Fit | None:
-        """The fit, or None where the samples cannot carry one. ``sigma`` (8,) is the noise of the eight states."""
-        usable = np.isin(samples.column, self.states)
+        """The fit, or None where the samples cannot carry one. ``sigma`` is the noise of each of `OUTPUTS`."""
+        usable = np.isin(samples.column, self.read)
         time, column, value = samples.time[usable], samples.column[usable], samples.value[usable]
         s, f = len(self.states), len(self.forces)
         if len(time) < LEAST * (s + f):
@@ -85,10 +86,12 @@ class WindowFit:
         weight = 1.0 / sigma[column]
         reading = _Reading(self._sensors, time, column)
         grid = reading.grid
-        run = _Run(self.model, grid, pulses, origin, self._inverse_inertia)
+        seen = [OUTPUTS[c] for c in np.unique(column)]
+        width = columns_for(seen, self.model.known_effects.values())
+        run = _Run(self.model, grid, pulses, origin, self._inverse_inertia, width)
 
         def look(x: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            """Outputs (g, 15), residuals (n,) and derivatives (n, s + f) over noise at a start and a force."""
+            """Outputs (g, w), residuals (n,) and derivatives (n, s + f) over noise at a start and a force."""
             xs, forces = np.tile(x, (1 + s + f, 1)), np.tile(force, (1 + s + f, 1))
             steps = np.concatenate([STATE_STEPS[self.states], FORCE_STEPS[self.forces]])
             for j, i in enumerate(self.states):
@@ -153,15 +156,22 @@ class _Run:
     """Simulates batches of starts and forces through a grid of times."""
 
     def __init__(
-        self, model: Model, grid: np.ndarray, pulses: Pulses | None, origin: float, inverse_inertia: np.ndarray
+        self,
+        model: Model,
+        grid: np.ndarray,
+        pulses: Pulses | None,
+        origin: float,
+        inverse_inertia: np.ndarray,
+        width: int,
     ) -> None:
         self.model, self.grid, self.origin, self.inverse_inertia = model, grid, origin, inverse_inertia
+        self.width = width
         none = (np.empty(0),) * 3
         self.pulses = pulses.arrays(model.parameters["wavelength"]) if pulses is not None else none
         self.carries = model.carries_states
 
     def __call__(self, x: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Outputs (j, g, 15) from starts (j, 8) under constant forces (j, 4)."""
+        """Outputs (j, g, w) from starts (j, 8) under constant forces (j, 4)."""
         model, jobs = self.model, len(x)
         state = np.zeros((jobs, len(model.kernel.states)))
         state[:, :8] = x
@@ -173,8 +183,8 @@ class _Run:
         P, on = np.tile(model.vector, (jobs, 1)), np.tile(model.switches, (jobs, 1))
         origin, averaged = np.full(jobs, self.origin), model.drive == "averaged"
         acceleration = force * self.inverse_inertia
-        out = np.empty((jobs, len(self.grid), len(OUTPUTS)))
-        here = np.empty((jobs, 1, len(OUTPUTS)))  # contiguous: for a slice of `out` the kernel would be compiled anew
+        out = np.empty((jobs, len(self.grid), self.width))
+        here = np.empty((jobs, 1, self.width))  # contiguous: for a slice of `out` the kernel would be compiled anew
         kick = np.zeros_like(acceleration)
         before = self.grid[0]
         for k, time in enumerate(self.grid):
@@ -209,7 +219,7 @@ class _Reading:
         self._row = np.searchsorted(self.grid, time)
 
     def read(self, out: np.ndarray) -> np.ndarray:
-        """Readings (j, n) of simulated outputs (j, g, 15)."""
+        """Readings (j, n) of simulated outputs (j, g, w)."""
         values = out[:, self._row, self.column]
         for channel, mine in self._faulty.items():
             values[:, mine] = self.sensors.read(
@@ -218,7 +228,7 @@ class _Reading:
         return values
 
     def own_states(self, out: np.ndarray) -> np.ndarray:
-        """Change of the readings (n, k) of one run (g, 15) with each state of each sensor at the window's begin."""
+        """Change of the readings (n, k) of one run (g, w) with each state of each sensor at the window's begin."""
         columns = []
         for channel, mine in self._faulty.items():
             if count := self.sensors.states(channel):
@@ -243,7 +253,7 @@ class _Reading:
 
 
 def _held(grid: np.ndarray, run: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """The outputs (2, 15) of a run (g, 15) at the grid's point ``begin`` (1,), twice."""
+    """The outputs (2, w) of a run (g, w) at the grid's point ``begin`` (1,), twice."""
     return run[np.searchsorted(grid, begin.repeat(2))]
 
 

@@ -16,6 +16,7 @@ from rclpy.qos import ReliabilityPolicy
 
 from ..core import rig
 from ..core.parameters import PARAMETERS, Parameter
+from ..core.state import CHANNEL, FURTHER_SENSORS, INSTRUMENTS
 from . import monitor, play, record
 from .domain import claim_domain
 from .parameters import MODEL_OPTIONS, Option
@@ -60,6 +61,14 @@ MEANINGS = {
         "misfits of photodiodes, missing poses; the monitor's verdict"
     ),
 }
+for _sensor in FURTHER_SENSORS:
+    _what = ", ".join(
+        f"`{CHANNEL[c].field}`: {CHANNEL[c].title[:1].lower()}{CHANNEL[c].title[1:]}, {CHANNEL[c].unit or '1'}"
+        for c in INSTRUMENTS[_sensor].channels
+    )
+    _off = "" if INSTRUMENTS[_sensor].rate else f"; off unless `measured.{_sensor}.rate` is set"
+    MEANINGS[f"measured/{_sensor}"] = f"what a rig would measure; `cradle`; {_what}{_off}"
+    MEANINGS[f"residual/{_sensor}"] = f"as `residual/pose`; {_what}"
 SERVICES = {
     "pause": "`data: true` holds simulated time, `false` goes on",
     "step": "one tick, only while paused",

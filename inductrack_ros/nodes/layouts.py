@@ -11,6 +11,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+from ..core.state import CHANNEL, FURTHER
 from .runtime import NAMESPACE
 
 _FORCES = {"surge": "force.x", "sway": "force.y", "heave": "force.z", "roll": "torque.x"}
@@ -47,6 +48,11 @@ TABS: dict[str, dict[str, list[tuple[str, str]]]] = {
         }
     ),
 }
+if FURTHER:
+    TABS["Other sensors"] = {
+        f"{CHANNEL[c].title}, {CHANNEL[c].unit}".rstrip(", "): [(f"measured/{CHANNEL[c].sensor}", CHANNEL[c].field)]
+        for c in FURTHER
+    }
 _COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")
 
 

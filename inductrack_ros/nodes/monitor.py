@@ -17,8 +17,8 @@ from ..core import rig
 from ..core.model import Model
 from ..core.options import MODEL_OPTIONS, is_of_the_node
 from ..core.parameters import PARAMETERS, Parameter
-from ..core.state import COORDINATES, RATES, STATES
-from ..monitoring.monitor import Monitor, Window
+from ..core.state import COORDINATES, FURTHER_SENSORS, INDEX, INSTRUMENTS, OUTPUTS
+from ..monitoring.monitor import SEEN, Monitor, Window
 from ..reports.words import sized
 from .diagnostics import PERIOD, Diagnostics
 from .overrides import Overrides
@@ -35,9 +35,9 @@ from .parameters import (
 )
 from .qos import profile, publisher, subscribe
 from .runtime import NAMESPACE, every, run
-from .topics import fill_pose, fill_twist, fill_wrench, nanoseconds_of, stamp_of
+from .topics import fill_fields, fill_pose, fill_twist, fill_wrench, message_type, nanoseconds_of, read_fields, stamp_of
 
-_NOISE = {f"measured.{s}.noise": rig.declared()[f"measured.{s}.noise"] for s in STATES}
+_NOISE = {f"measured.{s}.noise": rig.declared()[f"measured.{s}.noise"] for s in SEEN}
 OWN = {
     "window": Parameter(0.1, "s", 0.01, 2.0, "length of the windows; a longer one shows smaller forces, later"),
     "memory": Parameter(60.0, "s", 1.0, 3600.0, "how far back the verdict looks"),
@@ -45,6 +45,7 @@ OWN = {
     "reliability": Option("best_effort", "quality of service asked of what is measured", ("reliable", "best_effort")),
     **_NOISE,
 }
+_SENSOR_OF = {channel: sensor for sensor, instrument in INSTRUMENTS.items() for channel in instrument.channels}
 SILENT = 1.0  # s without a pose, and nobody who publishes it, after which a run or a bag is over
 LOOK = 0.02  # s between looks for windows that are complete
 
@@ -75,10 +76,15 @@ class MonitorNode(Node):
         reliable = options["reliability"] == "reliable"
         self._pose = publisher(self, PoseStamped, "residual/pose", profile())
         self._twist = publisher(self, TwistStamped, "residual/twist", profile())
+        self._kinds = {sensor: message_type(sensor) for sensor in FURTHER_SENSORS}
+        self._further = {s: publisher(self, kind, f"residual/{s}", profile()) for s, kind in self._kinds.items()}
         self._force = publisher(self, WrenchStamped, "missing_force", profile())
         self._sigma = publisher(self, WrenchStamped, "missing_force_sigma", profile())
         subscribe(self, PoseStamped, "measured/pose", self._take_pose, profile(reliable))
         subscribe(self, TwistStamped, "measured/twist", self._take_twist, profile(reliable))
+        for sensor, kind in self._kinds.items():
+            take = lambda m, sensor=sensor: self._take_further(sensor, m)  # noqa: E731
+            subscribe(self, kind, f"measured/{sensor}", take, profile(reliable))
         for topic, fired in (("fired_pulses", True), ("drive_pulses", False)):
             subscribe(self, PointStamped, topic, lambda m, fired=fired: self._take_pulse(m, fired), profile(reliable))
         when_set(self, self._changed, self._take_parameters)
@@ -109,6 +115,9 @@ class MonitorNode(Node):
         rates = np.array([linear.x, linear.y, linear.z, angular.x])
         self.monitor.twist(nanoseconds_of(message.header.stamp), rates)
 
+    def _take_further(self, sensor: str, message: object) -> None:
+        self.monitor.further(sensor, nanoseconds_of(message.header.stamp), read_fields(message, sensor))
+
     def _take_pulse(self, message: PointStamped, fired: bool) -> None:
         if self.monitor.model.drive != "pulses":
             self.get_logger().warning(
@@ -133,21 +142,29 @@ class MonitorNode(Node):
 
     def _publish(self, window: Window) -> None:
         fit = window.fit
-        # One row of four to a message, as the samples came; what is held (fewer degrees of freedom) has no residual.
-        rows = np.nan_to_num(fit.residual.reshape(-1, 4))
-        columns, stamps = window.samples.column[::4], window.stamps[::4]
-        for column, stamp, row in zip(columns.tolist(), stamps.tolist(), rows, strict=True):
-            if column == STATES.index(COORDINATES[0]):
-                message = PoseStamped()
-                fill_pose(message.pose, row)
-            else:
-                message = TwistStamped()
-                fill_twist(message.twist, *frames.rates_to_twist(row))
-            self._send(self._pose if isinstance(message, PoseStamped) else self._twist, message, stamp)
+        # The samples came message by message; what is held (fewer degrees of freedom) has no residual.
+        residual, at = np.nan_to_num(fit.residual), 0
+        while at < len(residual):
+            sensor, stamp = _SENSOR_OF[OUTPUTS[window.samples.column[at]]], int(window.stamps[at])
+            row = residual[at : at + len(INSTRUMENTS[sensor].channels)]
+            at += len(row)
+            self._send_residual(sensor, row, stamp)
         for topic, values in ((self._force, fit.force), (self._sigma, fit.sigma)):
             message = WrenchStamped()
             fill_wrench(message.wrench, *frames.force_to_wrench(np.nan_to_num(values)))
             self._send(topic, message, (window.begin + window.end) // 2)
+
+    def _send_residual(self, sensor: str, row: np.ndarray, stamp: int) -> None:
+        if sensor == "pose":
+            message, topic = PoseStamped(), self._pose
+            fill_pose(message.pose, row)
+        elif sensor == "twist":
+            message, topic = TwistStamped(), self._twist
+            fill_twist(message.twist, *frames.rates_to_twist(row))
+        else:
+            message, topic = self._kinds[sensor](), self._further[sensor]
+            fill_fields(message, dict(zip(INSTRUMENTS[sensor].channels, row.tolist(), strict=True)))
+        self._send(topic, message, stamp)
 
     def _send(self, topic: Publisher, message: object, stamp: int) -> None:
         message.header.stamp, message.header.frame_id = stamp_of(stamp), self._frame
@@ -198,7 +215,8 @@ class MonitorNode(Node):
             for i, c in enumerate(COORDINATES):
                 unit = "N·m" if c == "roll" else "N"
                 facts[f"missing in {c} ({unit})"] = f"{self._last.fit.force[i]:.3g} ± {self._last.fit.sigma[i]:.2g}"
-        for name, ratio in zip((*COORDINATES, *RATES), monitor.noise_found, strict=True):
+        for name in SEEN:
+            ratio = monitor.noise_found[INDEX[name]]
             if np.isfinite(ratio):
                 facts[f"noise of {name}, times measured.{name}.noise"] = f"{ratio:.2f}"
         self._diagnostics.publish(

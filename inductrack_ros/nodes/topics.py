@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import reduce
+from importlib import import_module
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -17,8 +19,9 @@ from sensor_msgs.msg import Imu, Range
 from visualization_msgs.msg import Marker, MarkerArray
 
 from .. import frames
+from ..core.errors import InputError
 from ..core.rig import SENSORS, Sample
-from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INSTRUMENTS, RATES
+from ..core.state import ACCELERATIONS, CHANNEL, COORDINATES, FURTHER, FURTHER_SENSORS, GAPS, INSTRUMENTS, RATES
 from .drive import Pulse
 from .listeners import Listeners
 from .qos import DEPTH, profile
@@ -70,6 +73,40 @@ def fill_twist(into: object, linear: np.ndarray, angular: np.ndarray) -> None:
     fill_vector(into.angular, angular)
 
 
+def message_type(sensor: str) -> type:
+    """The message that a sensor of the rig delivers. Raises `InputError` where its package is not installed, or it has
+    no header or none of the fields that its channels declare."""
+    package, _, name = INSTRUMENTS[sensor].message.partition("/msg/")
+    place = CHANNEL[INSTRUMENTS[sensor].channels[0]].place
+    try:
+        kind = getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise InputError(f"{place}: {INSTRUMENTS[sensor].message} is not installed; choose another message") from None
+    if sensor in FURTHER_SENSORS:
+        if not hasattr(kind(), "header"):
+            raise InputError(f"{place}: {INSTRUMENTS[sensor].message} has no header; choose another message")
+        try:
+            fill_fields(kind(), dict.fromkeys(INSTRUMENTS[sensor].channels, 0.0))
+        except (AttributeError, AssertionError):
+            fields = ", ".join(CHANNEL[c].field for c in INSTRUMENTS[sensor].channels)
+            raise InputError(f"{place}: {INSTRUMENTS[sensor].message} has no numbers {fields}") from None
+    return kind
+
+
+def fill_fields(into: object, reading: Mapping[str, float]) -> None:
+    """The reading of each channel into the field that the channel declares."""
+    for channel, value in reading.items():
+        *parents, last = CHANNEL[channel].field.split(".")
+        setattr(reduce(getattr, parents, into), last, float(value))
+
+
+def read_fields(message: object, sensor: str) -> np.ndarray:
+    """The reading of a sensor that declares itself, out of the fields of its message, in the order of its channels."""
+    return np.array(
+        [reduce(getattr, CHANNEL[c].field.split("."), message) for c in INSTRUMENTS[sensor].channels], float
+    )
+
+
 def fill_wrench(into: object, force: np.ndarray, torque: np.ndarray) -> None:
     fill_vector(into.force, force)
     fill_vector(into.torque, torque)
@@ -109,13 +146,9 @@ class SimulatorTopics:
         self._forces = publisher(MarkerArray, "forces")
         self._scene = publisher(MarkerArray, "scene")
         self._fired = publisher(PointStamped, "fired_pulses")
-        kinds = {
-            f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}": kind
-            for kind in (PoseStamped, TwistStamped, Imu, Range)
-        }
-        self._measured = {
-            name: publisher(kinds[s.message], f"measured/{name}", TICK_DEPTH) for name, s in INSTRUMENTS.items()
-        }
+        kinds = {name: message_type(name) for name in INSTRUMENTS}
+        self._measured = {name: publisher(kind, f"measured/{name}", TICK_DEPTH) for name, kind in kinds.items()}
+        self._of_further = {name: kinds[name]() for name in FURTHER_SENSORS}
         self.listeners = Listeners(node, publishers, leading=self._pose)
 
     def _blank(self, kind: type, stamp: Time, frame: str | None = None):
@@ -183,7 +216,11 @@ class SimulatorTopics:
         """One sensor's sample. ``parameters`` are the model's, ``noise`` the standard deviation of each channel."""
         sensor, reading = sample.sensor, sample.reading
         values = np.array([reading[c] for c in SENSORS[sensor]])
-        if sensor == "pose":
+        if sensor in FURTHER_SENSORS:
+            message = self._of_further[sensor]
+            message.header.stamp, message.header.frame_id = stamp, self._frames[1]
+            fill_fields(message, reading)
+        elif sensor == "pose":
             message = self._pose_message(stamp, values)
         elif sensor == "twist":
             message = self._twist_message(stamp, values)
@@ -252,7 +289,7 @@ def pulse_message(stamp: Time, coil: int, current: float, frame: str = "track") 
 def channels(x: np.ndarray, quantities: Mapping[str, float]) -> dict[str, float]:
     """Every channel a sensor may read, from the state and the model's named quantities."""
     truth = dict(zip((*COORDINATES, *RATES), x[:8].tolist(), strict=True))
-    return truth | {name: quantities[name] for name in (*GAPS, *ACCELERATIONS)}
+    return truth | {name: quantities[name] for name in (*GAPS, *ACCELERATIONS, *FURTHER)}
 
 
 def _lift_and_slip(wrenches: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

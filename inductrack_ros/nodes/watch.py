@@ -22,10 +22,10 @@ from sensor_msgs.msg import Range
 
 from .. import frames
 from ..core.errors import InputError
-from ..core.state import COORDINATES, GAPS, RATES
+from ..core.state import COORDINATES, FURTHER_SENSORS, GAPS, INSTRUMENTS, RATES
 from .messages import flat, message_class, plain
 from .runtime import every, run
-from .topics import nanoseconds_of
+from .topics import message_type, nanoseconds_of, read_fields
 from .watch_view import View, line, screen, words_of_list
 
 LOOK = 0.1  # s between looks at what came
@@ -180,6 +180,8 @@ class Board(Watcher):
             self.take(TwistStamped, f"{before}twist", partial(self._take_twist, which), latest)
             for gap in GAPS:
                 self.take(Range, f"{before}{gap}", partial(self._take_gap, which, gap), latest)
+        for sensor in FURTHER_SENSORS:
+            self.take(message_type(sensor), f"measured/{sensor}", partial(self._take_further, sensor), latest)
         for name in ("missing_force", "missing_force_sigma"):
             self.take(WrenchStamped, name, partial(self._take_wrench, name), latest)
         self._latest = latest
@@ -196,6 +198,10 @@ class Board(Watcher):
         values = frames.pose_to_coordinates((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
         self._view.heard(which, dict(zip(COORDINATES, values.tolist(), strict=True)))
         self._view.time = nanoseconds_of(message.header.stamp) / 1e9
+
+    def _take_further(self, sensor: str, message: object) -> None:
+        reading = read_fields(message, sensor).tolist()
+        self._view.heard("measured", dict(zip(INSTRUMENTS[sensor].channels, reading, strict=True)))
 
     def _take_twist(self, which: str, message: TwistStamped) -> None:
         linear, angular = message.twist.linear, message.twist.angular

@@ -12,10 +12,10 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from ..core.state import COORDINATES, GAPS, RATES
+from ..core.state import COORDINATES, FURTHER, GAPS, RATES
 from ..reports.words import number, shown, title
 
-ROWS = (*COORDINATES, *RATES, *GAPS)
+ROWS = (*COORDINATES, *RATES, *GAPS, *FURTHER)
 #: Order of the forces; effects come before the total.
 _FIRST = ("lift", "slip", "drag", "thrust", "contact", "weight")
 _MISSING = ("missing_force", "missing_force_sigma")

@@ -7,9 +7,7 @@ is added, and the fit must come back to where it began, within the interval it s
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from ..core.model import Model
 from ..estimation.identify import Fit, Identification, Profile, Valley, valley, verdict
 from ..estimation.misfits import TravelMisfit, Travels
+from ..workers import Threads
 
 Array = NDArray[np.float64]
 
@@ -111,7 +110,6 @@ def coverage(
         fit = question.fit(nelder_mead=False)
         return [question.covers(fit, name, value) for name, value in zip(FREE, values, strict=True)], fit.values
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the compiled simulations release the interpreter
-        results = list(pool.map(once, noises))
+    results = Threads().map(once, noises)
     held = np.sum([r[0] for r in results], axis=0)
     return dict(zip(FREE, held.tolist(), strict=True)), np.array([r[1] for r in results])

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..core.model import Model
-from ..core.state import INDEX, OUTPUTS
+from ..core.state import INDEX, MOTION
 
 _HEAVE, _SPEED, _HEAVE_ACCELERATION = INDEX["heave"], INDEX["surge_rate"], INDEX["heave_acceleration"]
 _NONE = np.empty(0)
@@ -41,7 +41,7 @@ def _vertical(model: Model, speeds: np.ndarray, P: np.ndarray) -> Callable[[np.n
     steady = np.array([not model.passes_on(model.known_effects[name]) for name in model.kernel.effects], bool)
     on = np.tile(model.switches & steady, (len(speeds), 1))
     x = np.zeros((len(speeds), len(model.kernel.states)))
-    out = np.empty((len(speeds), 1, len(OUTPUTS)))
+    out = np.empty((len(speeds), 1, len(MOTION)))
     moving = np.array([0.0, 0.0, 1.0, 0.0])
 
     def force(heave: np.ndarray) -> np.ndarray:

@@ -41,12 +41,12 @@ def coil_surroundings(q, gaps, widths):
 
 def simulate_coils(times, t, state, tail, P, on, moving, origin, averaged, pt, pp, pc, longest, track, out):
     """Carry ``state`` (N_STATES,) and ``tail`` (see `circuits`) from time t through ``times``; `state.OUTPUTS` at each
-    go into ``out`` (n, 15). P is this run's own: the coils' forces are written into it."""
+    go into ``out`` (n, 15 or all). P is this run's own: the coils' forces are written into it."""
     rows, window = np.empty((WEIGHTS + 2, track[0].shape[1])), np.zeros((WINDOW, tail.size - 1))
     work, touching = np.zeros((10, max(PADDED, N_QUANTITIES))), np.zeros(3, np.bool_)
     x, dx, q = np.empty(N_STATES), np.zeros(N_STATES), np.zeros(N_QUANTITIES)
     gaps, widths, before, after = np.empty(3), np.empty(3), np.empty(4), np.empty(4)
-    end, row_out = np.empty(1), np.empty((1, 15))
+    end, row_out = np.empty(1), np.empty((1, MOTION))
 
     evaluate(t, state, P, on, moving, origin, averaged, pt, pp, pc, dx, q)
     amplitude, circuit = coil_surroundings(q, gaps, widths)
@@ -76,7 +76,7 @@ def simulate_coils(times, t, state, tail, P, on, moving, origin, averaged, pt, p
             t = end[0]
             if not math.isfinite(state[0] + state[2] + state[4]):
                 for later in range(row, times.size):
-                    for i in range(15):
+                    for i in range(out.shape[1]):
                         out[later, i] = np.nan
                 return
         for i in range(8):
@@ -85,6 +85,8 @@ def simulate_coils(times, t, state, tail, P, on, moving, origin, averaged, pt, p
             out[row, 8 + i] = q[i]
         for i in range(4):
             out[row, 11 + i] = dx[4 + i]
+        for i in range(out.shape[1] - MOTION):
+            out[row, MOTION + i] = q[FURTHER + i]
     leave(first, window, tail)
 
 

@@ -114,7 +114,7 @@ class Coils:
 
     def simulate(self, times: Array, start: float, x: Array, P: Array, arguments: tuple, outputs: Array) -> None:
         """Carry a whole state ``x``, coils' currents included, in place from ``start`` through ``times`` (n,); the
-        outputs (n, 15) go into ``outputs``. ``arguments`` are the kernel's, from its switches on; P is written to."""
+        outputs (n, w) go into ``outputs``. ``arguments`` are the kernel's, from its switches on; P is written to."""
         n = len(self.kernel.states)
         state, tail = x[:n].copy(), x[n:].copy()
         self.kernel.coils["simulate_coils"](times, start, state, tail, P, *arguments, self.track, outputs)

@@ -19,13 +19,10 @@ same function runs in the node, offline, in fits and in the diagnosis."""
 from __future__ import annotations
 
 import functools
-import hashlib
 import importlib
 import inspect
 import math
-import os
 import pkgutil
-import sys
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -35,6 +32,7 @@ from typing import Any
 from ..errors import InputError, did_you_mean
 from ..parameters import Parameter
 from ..state import CHANNELS
+from ..user_files import run_file
 
 __all__ = ["Effect", "Parameter", "Part", "catalogue", "effect", "load_effects"]
 
@@ -263,44 +261,6 @@ def load_effects(files: Iterable[str | Path] = ()) -> dict[str, Effect]:
                 owner = "the catalogue" if item.name in _catalogue() else "another effect file"
                 raise InputError(f"effect file {given}: '{item.name}' is in {owner} already; rename yours")
     return found
-
-
-_shipped: dict[str, bytes] = {}
-
-
-def use_shipped(files: Mapping[str, bytes]) -> None:
-    """From now on take these for the contents of effect files: a machine that works for another need not have them."""
-    _shipped.update(files)
-
-
-def run_file(given: str | Path) -> types.ModuleType:
-    """The module a user's file makes, its text in ``content``; one for each text, so that an edited file is a new
-    module."""
-    try:
-        path = Path(os.path.expanduser(given)).resolve()
-        content = _shipped[str(given)] if str(given) in _shipped else path.read_bytes()
-    except (OSError, ValueError, RuntimeError) as error:
-        problem = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({type(error).__name__})"
-        raise InputError(
-            f"effect file {given}: {problem}; give the path of a Python file with @effect functions"
-        ) from error
-    name = f"inductrack_user_effects_{path.stem}_{hashlib.sha256(bytes(path) + content).hexdigest()[:12]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    module = sys.modules[name] = types.ModuleType(name)
-    module.__file__ = str(path)
-    vars(module)["content"] = content
-    try:
-        exec(compile(content, str(path), "exec"), vars(module))  # not an import: that could be from a stale .pyc
-    except (Exception, SystemExit) as error:  # whatever the user's code raises is the user's to read
-        del sys.modules[name]
-        own_lines = [f.lineno for f in inspect.trace() if f.filename == str(path)]
-        line = getattr(error, "lineno", None) or (own_lines[-1] if own_lines else None)
-        place = f", line {line}" if line else ""
-        reason = str(getattr(error, "msg", None) or error).partition("\n")[0]
-        kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
-        raise InputError(f"effect file {given}{place}: {kind}{reason}") from error
-    return module
 
 
 def split_name(name: str, known: Mapping[str, Effect], channels: Iterable[str], where: str = "") -> tuple[Effect, str]:
