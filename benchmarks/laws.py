@@ -17,7 +17,7 @@ import collections
 
 import numpy as np
 
-from inductrack_ros.core.effects.stand_in import basis
+from inductrack_ros.core.effects.stand_in import basis, parameters
 from inductrack_ros.diagnosis.laws.fitting import Table, fitted, likely
 from inductrack_ros.diagnosis.laws.forms import Form, Range, forms_on
 from inductrack_ros.diagnosis.settings import FINE, MEDIUM, TWINS
@@ -98,7 +98,7 @@ def table_of(rng, variable: str, r: Range, u: np.ndarray, force: np.ndarray, noi
             best = smooth, gram, step
     smooth, gram, step = best
     covariance = np.linalg.inv(gram + roughness("stand_in_heave", len(smooth.values), smooth.weight))
-    return Table.of("stand_in_heave", variable, r.low, step, smooth.values, covariance, smooth.weight)
+    return Table.of("stand_in_heave", parameters(variable, r.low, step), smooth.values, covariance, smooth.weight)
 
 
 def samples_of(rng, variable: str, r: Range, n: int) -> np.ndarray:

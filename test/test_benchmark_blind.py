@@ -2,7 +2,6 @@
 """The blind benchmark's own parts: its loop campaigns fly as the nodes do, its judge knows what a finding is about."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,9 +17,10 @@ from blind.last_bits import CHANGE, changed
 from independent.campaigns import write_campaign
 
 from inductrack_ros.checks import NOTE, Finding
+from inductrack_ros.core.effects.stand_in import parameters
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.laws.code import FILE, Written, module_text
+from inductrack_ros.diagnosis.laws.code import Written
 from inductrack_ros.diagnosis.laws.forms import FORMS, Range
 from inductrack_ros.diagnosis.laws.result import Laws, ProposedLaw
 from inductrack_ros.diagnosis.result import Unknown
@@ -74,30 +74,27 @@ def test_other_last_bits_are_other_and_no_more(flown):
 BUMP = next(f for f in FORMS if f.name == "bump")
 
 
-def laws_with(values, true):
-    """A bump in heave on surge as a diagnosis proposes it, and the rig's model with it, written as code."""
+def found_with(values, true):
+    """What a diagnosis says that proposes a bump in heave on surge."""
     law = Written(BUMP, "heave", "surge", values, Range(0.0, 20.0))
     sizes = {n: (v, 0.05, "") for n, v in values.items()}
     model = Model.create(parameters={n: true[n] for n in ("eta", "gamma")})
-    model = replace(model, effects={law.name: values}, effect_files=(FILE,))
-    return Laws(
-        1, (ProposedLaw(law.name, "", "", sizes, "", 5.0, 0.5, np.zeros(1)),), None, "", model, module_text([law])
+    table = {**parameters("surge", 0.0, 1.0), "knots": 21.0, "values": (0.0,) * 21}
+    laws = Laws(1, (ProposedLaw(law.name, "", "", sizes, "", 5.0, 0.5, np.zeros(1)),), model=model)
+    return SimpleNamespace(
+        unknown=Unknown.of("heave", "surge"), laws=laws, model=model.with_changes(effects={"stand_in_heave": table})
     )
 
 
 def test_a_law_is_judged_by_its_form_its_variables_and_its_parameters(tmp_path):
-    """The law that is hidden, written as code and flown, predicts the unseen runs; one that is off does not."""
+    """The law that is hidden, flown, predicts the unseen runs; one that is off does not."""
     truth = write_campaign(tmp_path / "rig", 5, kind="law", names=[("law_heave_bump_surge", None)], design="coasting")
-    hidden, unknown, heldout = (
-        truth["unknown"][0]["law"]["parameters"],
-        Unknown.of("heave", "surge"),
-        tmp_path / "rig.heldout",
-    )
-    found = SimpleNamespace(unknown=unknown, laws=laws_with(hidden, truth["parameters"]))
+    hidden, heldout = truth["unknown"][0]["law"]["parameters"], tmp_path / "rig.heldout"
+    found = found_with(hidden, truth["parameters"])
     told = judge_law(truth, found, heldout, 3.0)
     assert told["in_set"] and not told["false"] and told["variables"] and told["errors"][1] == pytest.approx(1, abs=0.1)
     off = {**hidden, "place": hidden["place"] + 3.0}
-    wrong = judge_law(truth, SimpleNamespace(unknown=unknown, laws=laws_with(off, truth["parameters"])), heldout, 3.0)
+    wrong = judge_law(truth, found_with(off, truth["parameters"]), heldout, 3.0)
     assert wrong["off"] == pytest.approx({"force": 0, "place": 60, "width": 0})
     assert wrong["errors"][1] > told["errors"][1] + 0.1
     sine = {
@@ -105,6 +102,6 @@ def test_a_law_is_judged_by_its_form_its_variables_and_its_parameters(tmp_path):
         "unknown": [{**truth["unknown"][0], "law": {"sort": "inside", "form": "sine", "power": 0.0, "parameters": {}}}],
     }
     assert judge_law(sine, found, heldout, 3.0)["false"]
-    assert not judge_law(sine, SimpleNamespace(unknown=unknown, laws=None), heldout, 3.0)["false"]
+    assert not judge_law(sine, SimpleNamespace(unknown=found.unknown, laws=None), heldout, 3.0)["false"]
     head, _, line, *_ = law_table.laws([{"verdict": "unknown_effect", "law": t} for t in (told, wrong)], [])
     assert "2 of 2" in line.split(" | ")[-1] and head.count("|") == line.count("|")

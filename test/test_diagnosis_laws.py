@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inductrack_ros.core.effects.stand_in import basis
+from inductrack_ros.core.effects.stand_in import basis, parameters
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis import answer
@@ -45,7 +45,7 @@ def table(acts_on, variable, u, force, noise, intervals=24, seed=0):
     gram = B.T @ B / noise**2
     smooth = smoothest_of(gram, B.T @ y / noise**2, len(u))
     covariance = np.linalg.inv(gram + roughness(name, intervals + 1, smooth.weight))
-    return Table.of(name, variable, low, step, smooth.values, covariance, smooth.weight)
+    return Table.of(name, parameters(variable, low, step), smooth.values, covariance, smooth.weight)
 
 
 LAWS = [
@@ -143,7 +143,8 @@ def spring(tmp_path_factory):
     task, state = Task(problem), State(base)
     found = laws(problem, base, linearise_all(problem, base), ["sway"], ["sway"])
     state = with_law(task, state, next(f for f in found if f.acts_on == "sway"))
-    return truth, answer.unknown_of(state), propose_laws(task, state, answer.unknown_of(state), problem.sigma)
+    unknown = answer.unknown_of(state, problem)
+    return truth, unknown, propose_laws(task, state, unknown, problem.sigma)
 
 
 def test_a_hidden_spring_comes_back_as_a_law(spring):

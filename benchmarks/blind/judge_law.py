@@ -5,11 +5,14 @@ unseen runs beside that of the table."""
 from __future__ import annotations
 
 import math
-import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from inductrack_ros.core.model import Model
-from inductrack_ros.diagnosis.laws.result import MODEL_FILE
+from inductrack_ros.diagnosis.factor import Factor
+from inductrack_ros.diagnosis.laws.code import Written
+from inductrack_ros.diagnosis.laws.forms import FORMS, Range
+from inductrack_ros.diagnosis.laws.structure import laid
 
 from .judge import heldout_error
 
@@ -26,17 +29,14 @@ def judge_law(truth: dict, found, heldout: Path, error_with_table: float) -> dic
     hidden = next(u for u in truth["unknown"] if "law" in u)
     said = found.unknown
     proposed = () if found.laws is None else found.laws.proposed
-    name = law_name(hidden)
-    mine = next((law for law in proposed if law.name == name), None)
+    names = law_names(hidden)
+    mine = next((law for law in proposed if law.name in names), None)
     errors = None
     if proposed:
-        with tempfile.TemporaryDirectory() as folder:
-            found.laws.write(Path(folder), "")
-            model = Model.load(Path(folder) / MODEL_FILE)
-            errors = [error_with_table, heldout_error(heldout, model, truth["plan"]["noise"])]
+        errors = [error_with_table, heldout_error(heldout, as_table(found), truth["plan"]["noise"])]
     return {
         "sort": hidden["law"]["sort"],
-        "name": name,
+        "name": names[0],
         "coordinate": said is not None and said.channel == hidden["channel"],
         "variables": said is not None
         and said.channel == hidden["channel"]
@@ -44,17 +44,39 @@ def judge_law(truth: dict, found, heldout: Path, error_with_table: float) -> dic
         "proposed": [law.name for law in proposed],
         "in_set": mine is not None,
         "false": bool(proposed) and mine is None,
-        "off": _off(mine, hidden["law"]["parameters"]) if mine is not None else {},
+        "off": _off(mine, hidden["law"]["parameters"]) if mine is not None and mine.name == names[0] else {},
         "errors": errors,
     }
 
 
-def law_name(hidden: dict) -> str:
-    """What the package would call the effect of a hidden law."""
+def law_names(hidden: dict) -> list[str]:
+    """What the package would call the effect of a hidden law; a product in proportion to both may be told the other way
+    round."""
     law, (variable, *others) = hidden["law"], hidden["depends_on"]
-    powers = {1.0: "", 2.0: "_squared"}
-    times = f"_times_{others[0]}{powers[law['power']]}" if others else ""
-    return f"proposed_{law['form']}_{hidden['channel']}_on_{variable}{times}"
+    if not others:
+        return [f"proposed_{law['form']}_{hidden['channel']}_on_{variable}"]
+    other, power = others[0], law["power"]
+    names = [f"{law['form']}_{hidden['channel']}_on_{variable}_times_{other}{'_squared' if power == 2 else ''}"]
+    if law["form"] == "linear":
+        turned = {1: "linear", 2: "quadratic"}[int(power)]
+        names.append(f"{turned}_{hidden['channel']}_on_{other}_times_{variable}")
+    return [f"proposed_{n}" for n in names]
+
+
+def as_table(found) -> Model:
+    """The model with the first law in the table's place, as a table so fine that it is the law: nothing is compiled.
+
+    It goes on for half the range beyond the data; there a table of the diagnosis is constant."""
+    law, name = found.laws.proposed[0], next(n for n in found.model.effects if n.startswith("stand_in"))
+    about = found.model.effects[name]
+    form = next(f for f in FORMS if law.name.startswith(f"proposed_{f.name}_{name.removeprefix('stand_in_')}_on_"))
+    low, length = about["start"], about["step"] * (about["knots"] - 1)
+    covered = Range(low - 0.5 * length, low + 1.5 * length)
+    values = {p: v for p, (v, _, _) in law.parameters.items()}
+    written = Written(form, "", "", values, covered, factor=Factor.of(about))
+    model = found.laws.model
+    effects = {n: v for n, v in model.effects.items() if n != law.name}
+    return replace(model, effects={**effects, name: dict(about) | laid(written)}, effect_files=found.model.effect_files)
 
 
 def _off(law, parameters: dict[str, float]) -> dict[str, float]:

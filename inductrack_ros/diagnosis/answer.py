@@ -12,9 +12,12 @@ import numpy as np
 from scipy import stats
 
 from ..core.effects.stand_in import VARIABLES, basis
+from ..estimation.linear import histories
+from ..estimation.problem import Problem
 from ..estimation.processes import IMPACT
 from ..estimation.shooting import ANEW, Fit, exactly, fit
 from . import background
+from .factor import Factor
 from .moves import State, Task, screened, without
 from .result import Limit, Rival, Test, Unknown
 from .screening import WAVES, Screening
@@ -24,6 +27,8 @@ from .settings import POWER, REFIT_STEPS
 NOTHING_SAID = 100.0
 #: Tests that a report lists.
 LISTED = 12
+#: Places at which runs have been that a report shows beside an unknown force, about.
+SEEN = 600
 
 
 def last_screening(task: Task, state: State) -> Screening:
@@ -145,10 +150,18 @@ def tests_of(screening: Screening) -> tuple[tuple[Test, ...], float]:
     return tuple(tests[:LISTED]), p
 
 
-def unknown_of(state: State) -> Unknown | None:
-    """The curve of the force of any shape in an answer, with its 95 % band; None where there is none."""
+def unknown_of(state: State, problem: Problem) -> Unknown | None:
+    """The curve of the force of any shape in an answer, with its 95 % band and where the runs have been; None where
+    there is none."""
     name = next((n for n in state.added if n.startswith("stand_in")), None)
-    return None if name is None else curve_of(state.fit, name)
+    if name is None:
+        return None
+    found = curve_of(state.fit, name)
+    variables = [VARIABLES[int(state.fit.model.effects[name]["variable"])]]
+    variables += [found.factor.variable] if found.factor else []
+    runs = [histories(d, path) for d, path in zip(problem.runs, state.fit.paths, strict=True)]
+    seen = np.concatenate([np.column_stack([r[v] for v in variables]) for r in runs])
+    return replace(found, seen=seen[:: max(1, len(seen) // SEEN)])
 
 
 def curve_of(f: Fit, name: str) -> Unknown:
@@ -161,7 +174,9 @@ def curve_of(f: Fit, name: str) -> Unknown:
     covariance = f.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
     band = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shapes, covariance, shapes), 0.0))
     variable = VARIABLES[int(table["variable"])]
-    return Unknown.of(name.removeprefix("stand_in_"), variable, u, shapes @ np.array(table["values"]), band)
+    found = Unknown.of(name.removeprefix("stand_in_"), variable, u, shapes @ np.array(table["values"]), band)
+    factor = Factor.of(table)
+    return found if factor is None else found.times(factor)
 
 
 def sigma_found(task: Task, state: State, rounded: Mapping[str, float]) -> np.ndarray:

@@ -77,7 +77,7 @@ def diagnosis_of(
     """The diagnosis that the end of a search is."""
     problem, f = task.problem, state.fit
     effects, verdict = state.known, state.verdict
-    unknown, screening = answer.unknown_of(state), answer.last_screening(task, state)
+    unknown, screening = answer.unknown_of(state, problem), answer.last_screening(task, state)
     sigma = answer.sigma_found(task, state, background.noise_of_rounding(task.hints))
     task.tell("how well it predicts runs left out")
     base = answer.settled_base(task, state, base)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..checks import Finding
-from ..core.effects.stand_in import VARIABLES
+from ..core.effects.stand_in import VARIABLES, parameters
 from ..core.state import COORDINATES
 from ..estimation import columns
 from ..estimation import fit as end_to_end
@@ -243,10 +243,8 @@ def with_law(task: Task, state: State, law: Law) -> State:
     """The state with a force of any shape as a table."""
     task.say(f"any force in {law.acts_on} on {law.variable}")
     old = state.fit.structure
-    values = {
-        "variable": float(VARIABLES.index(law.variable)), "start": law.start, "step": law.step,
-        "knots": float(len(law.table.values)), "values": tuple(float(v) for v in law.table.values),
-    }  # fmt: skip
+    table = {"knots": float(len(law.table.values)), "values": tuple(float(v) for v in law.table.values)}
+    values = {**parameters(law.variable, law.start, law.step), **law.times, **table}
     structure = old.plus(law.name, values, free=[f"values[{k}]" for k in range(len(law.table.values))])
     structure = replace(structure, smoothness={**old.smoothness, law.name: law.table.weight})
     theta = np.concatenate([state.fit.theta, law.table.values / structure.scale[len(state.fit.theta) :]])
@@ -307,10 +305,12 @@ def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:
 
 
 def surely_needed(task: Task, state: State, name: str) -> bool:
-    """Whether the deviance without an effect would to first order rise by far more than the effect costs (Wald)."""
+    """Whether the deviance without an effect would to first order rise by far more than the effect costs (Wald).
+
+    Beside a force of any shape, which may do the same, first order does not tell."""
     f = state.fit
     mine = [k for k, n in enumerate(f.structure.free) if n.rpartition(".")[0] == name]
-    if len(mine) != 1:  # of several parameters most say where an effect is, not whether
+    if len(mine) != 1 or state.stands_in:  # of several parameters most say where an effect is, not whether
         return False
     vanishing = f.structure.minus(name).plus(name)
     away = f.theta[mine] - vanishing.start[[vanishing.free.index(f.structure.free[k]) for k in mine]]

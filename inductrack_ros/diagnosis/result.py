@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..checks import Finding
 from ..core.model import Model
 from ..core.plain_json import file_text, plain
 from ..core.uncertainty import Uncertainty
+from .factor import Factor
 from .laws.result import Laws
 
 #: Unit of an unknown change of the thrust.
@@ -91,6 +92,7 @@ class Unknown:
     """A misfit no effect explains: its coordinate, what it depends on, its peak, and its curve with a 95 % band.
 
     The curve is over the first of ``depends_on``; a change of the thrust is its share, and depends on the drive too.
+    A force on two variables is the curve times the ``factor``. ``seen`` (k, 1 or 2): where the runs have been.
     """
 
     channel: str
@@ -100,6 +102,12 @@ class Unknown:
     force: np.ndarray
     band: np.ndarray
     rivals: tuple[str, ...] = ()
+    factor: Factor | None = None
+    seen: np.ndarray = field(default_factory=lambda: np.empty((0, 1)), repr=False)
+
+    def times(self, factor: Factor) -> Unknown:
+        """The same, on two variables."""
+        return replace(self, depends_on=(*self.depends_on, factor.variable), factor=factor)
 
     @classmethod
     def of(cls, acts_on: str, variable: str, *curve: np.ndarray) -> Unknown:

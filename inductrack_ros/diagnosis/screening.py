@@ -322,7 +322,8 @@ def _track_stiffness(problem: Problem, fit: Fit, i: int) -> np.ndarray:
 class Law:
     """A force that ``acts_on`` a coordinate or the thrust and depends on ``variable`` in any smooth way, as a table.
 
-    ``gain``: twice the log evidence it has over no such force, the power of the disturbances being what suits each.
+    ``gain``: twice the log evidence it has over no such force, the power of the disturbances being what suits each;
+    ``times``: the parameters of a stand-in that say what it is multiplied by (`factor`).
     """
 
     acts_on: str
@@ -332,6 +333,7 @@ class Law:
     table: Smooth
     gain: float
     power: np.ndarray
+    times: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -352,7 +354,7 @@ def laws(
     spans = {
         v: span
         for v in runs[0]
-        if (variables is None or v in variables) and (span := _span([r[v] for r in runs])) is not None
+        if (variables is None or v in variables) and (span := span_of([r[v] for r in runs])) is not None
     }
     plain = scores(problem, fit, {}, systems).plain
     found: list[Law] = []
@@ -411,7 +413,7 @@ def _sizes(variable: str, fine: bool) -> tuple[int, ...]:
     return (MEDIUM, FINE) if variable in ("surge", "time") else (MEDIUM,)
 
 
-def _span(values: Sequence[np.ndarray]) -> tuple[float, float] | None:
+def span_of(values: Sequence[np.ndarray]) -> tuple[float, float] | None:
     """Range of a variable over all runs; None where it does not move."""
     low, high = np.quantile(np.concatenate(values), [0.001, 0.999])
     return (float(low), float(high)) if high - low > 1e-6 * max(abs(low), abs(high), 1e-9) else None

@@ -33,6 +33,7 @@ from .moves import (
     with_law,
     without,
 )
+from .pairs import add_pair
 from .screening import CandidateSet, Law, Screening, laws
 from .settings import FORCES_REFITTED, MOST_EFFECTS, MOST_REFITTED, NEAR, REFITTED, ROUNDS, TWINS
 
@@ -190,6 +191,7 @@ def exchange(task: Task, state: State) -> State:
 STAGES: tuple[tuple[str, Stage], ...] = (
     ("known effects", add_known),
     ("a force of any shape", add_unknown),
+    ("a force on two variables", add_pair),
     ("what is not needed", prune),
     ("what explains more in another's place", exchange),
     ("what is not needed", prune),

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..core.effects.stand_in import basis
+from ..core.effects.stand_in import entries
 from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOTION, STATES
 from .kalman import Columns, LinearRun
@@ -142,9 +142,8 @@ def _table_forces(
 ) -> np.ndarray:
     """Force histories (n, 4, l) of the entries of a stand-in's table, each of its typical size, along a trajectory."""
     values, mine = structure.model.effects[effect], structure.tables[effect]
-    u = np.ascontiguousarray(histories(problem.runs[i], path)[VARIABLES[int(values["variable"])]])
-    shapes = basis(u, values["start"], values["step"], len(mine)) * structure.scale[mine]
-    return acting(problem, structure, i, theta, path, effect.removeprefix("stand_in_"), shapes)
+    forces = entries(values, histories(problem.runs[i], path), len(mine)) * structure.scale[mine]
+    return acting(problem, structure, i, theta, path, effect.removeprefix("stand_in_"), forces)
 
 
 def acting(

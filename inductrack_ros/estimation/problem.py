@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core.effects.stand_in import basis
+from ..core.effects.stand_in import entries
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.model import Pulses as ModelPulses
@@ -23,7 +23,7 @@ from ..core.state import ACCELERATIONS, COORDINATES, INDEX, MOVING, RATES, STATE
 from ..data.campaign import Campaign
 from ..data.measurement import Run
 from ..workers import Threads
-from .response import STATE_STEPS, VARIABLES, RunResponse
+from .response import STATE_STEPS, RunResponse
 from .structure import Structure
 
 #: Longest spacing (s) of the grid between samples that predictions are interpolated and forces are integrated on.
@@ -357,9 +357,8 @@ class Problem:
         """Derivative (l, m) over noise by a stand-in's table: the response to each of its basis functions."""
         response = self.response(structure, i, theta, state, outputs)
         values = structure.model.effects[effect]
-        u = response.variables[VARIABLES[int(values["variable"])]]
-        shapes = basis(u, values["start"], values["step"], len(columns)) * structure.scale[columns]
-        return response.respond(response.forces(effect.removeprefix("stand_in_"), shapes)).T
+        forces = entries(values, response.variables, len(columns)) * structure.scale[columns]
+        return response.respond(response.forces(effect.removeprefix("stand_in_"), forces)).T
 
 
 @dataclass(frozen=True)

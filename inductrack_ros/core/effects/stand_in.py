@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stand-ins: a smooth force, or a smooth change of the thrust, where the physics is not known yet.
+"""Stand-ins: a smooth force, or a smooth change of the thrust, where the physics is not known yet. It depends on one
+variable, or is a product: a smooth function of one times a power of another.
 
 A diagnosis that finds a misfit no effect explains puts one of these in the model, so that prediction improves while
 the physics is sought. They explain nothing, and they are not in the ranking.
@@ -21,24 +22,8 @@ VARIABLES = (
 TABLE = 192
 
 
-def curve(
-    variable,
-    surge,
-    sway,
-    heave,
-    roll,
-    surge_rate,
-    sway_rate,
-    heave_rate,
-    roll_rate,
-    time,
-    drive,
-    start,
-    step,
-    knots,
-    values,
-):
-    """Σ values_j B((u − start)/step − j) with the cubic B-spline B; held constant beyond the ends."""
+def picked(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive):
+    """The variable of this number."""
     u = surge
     if variable == 1.0:
         u = sway
@@ -58,6 +43,36 @@ def curve(
         u = time
     elif variable == 9.0:
         u = drive
+    return u
+
+
+def curve(
+    variable,
+    surge,
+    sway,
+    heave,
+    roll,
+    surge_rate,
+    sway_rate,
+    heave_rate,
+    roll_rate,
+    time,
+    drive,
+    times,
+    power,
+    scale,
+    start,
+    step,
+    knots,
+    values,
+):
+    """(w/scale)^power Σ values_j B((u − start)/step − j) with the cubic B-spline B, held constant beyond the ends; u is
+    the ``variable``, w the other one that it is ``times``."""
+    u = picked(variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive)
+    factor = 1.0
+    if power != 0.0:
+        w = picked(times, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive) / scale
+        factor = w if power == 1.0 else w**power
     last = knots - 1.0
     u = min(max((u - start) / step, 0.0), last)
     first = int(u)
@@ -68,7 +83,7 @@ def curve(
             total += values[j] * (2.0 / 3.0 - d * d + 0.5 * d * d * d)
         elif d < 2.0:
             total += values[j] * (2.0 - d) ** 3 / 6.0
-    return total
+    return factor * total
 
 
 @compiled_once
@@ -86,6 +101,23 @@ def basis(values, start, step, count):
     return out
 
 
+def parameters(variable, start, step):
+    """A stand-in's parameters but its table: over a variable by name, from ``start`` in steps of ``step``."""
+    return {"variable": float(VARIABLES.index(variable)), "start": start, "step": step}
+
+
+def entries(values, histories, count):
+    """What the entries of a stand-in's table with these parameter ``values`` give along histories (n,) of all
+    variables, (n, count)."""
+    u = np.ascontiguousarray(histories[VARIABLES[int(values["variable"])]])
+    found = basis(u, values["start"], values["step"], count)
+    power = values.get("power", 0.0)
+    if not power:
+        return found
+    w = histories[VARIABLES[int(values["times"])]] / values["scale"]
+    return found * (w**power)[:, None]
+
+
 def _parameters(unit, typical):
     return {
         "variable": Parameter(
@@ -95,6 +127,9 @@ def _parameters(unit, typical):
             len(VARIABLES) - 1.0,
             "what it depends on: 0 " + ", ".join(f"{i} {v}" for i, v in enumerate(VARIABLES))[2:],
         ),
+        "times": Parameter(0.0, "", 0.0, len(VARIABLES) - 1.0, "what it is multiplied by, as variable"),
+        "power": Parameter(0.0, "", 0.0, 8.0, "power of what it is multiplied by (a whole number); 0 for none"),
+        "scale": Parameter(1.0, "", 1e-12, 1e9, "what that is divided by first"),
         "start": Parameter(0.0, "", -1e9, 1e9, "value of the variable at the first entry of the table"),
         "step": Parameter(1.0, "", 1e-12, 1e9, "spacing of the table"),
         "knots": Parameter(1.0, "", 1.0, float(TABLE), "entries of the table in use"),
@@ -116,6 +151,9 @@ def stand_in_surge(
     time,
     drive_current,
     variable,
+    times,
+    power,
+    scale,
     start,
     step,
     knots,
@@ -123,8 +161,8 @@ def stand_in_surge(
 ):
     """A smooth force in surge that stands in for unknown physics."""
     return curve(
-        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start,
-        step, knots, values,
+        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, times,
+        power, scale, start, step, knots, values,
     )  # fmt: skip
 
 
@@ -142,6 +180,9 @@ def stand_in_sway(
     time,
     drive_current,
     variable,
+    times,
+    power,
+    scale,
     start,
     step,
     knots,
@@ -149,8 +190,8 @@ def stand_in_sway(
 ):
     """A smooth force in sway that stands in for unknown physics."""
     return curve(
-        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start,
-        step, knots, values,
+        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, times,
+        power, scale, start, step, knots, values,
     )  # fmt: skip
 
 
@@ -168,6 +209,9 @@ def stand_in_heave(
     time,
     drive_current,
     variable,
+    times,
+    power,
+    scale,
     start,
     step,
     knots,
@@ -175,8 +219,8 @@ def stand_in_heave(
 ):
     """A smooth force in heave that stands in for unknown physics."""
     return curve(
-        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start,
-        step, knots, values,
+        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, times,
+        power, scale, start, step, knots, values,
     )  # fmt: skip
 
 
@@ -194,6 +238,9 @@ def stand_in_roll(
     time,
     drive_current,
     variable,
+    times,
+    power,
+    scale,
     start,
     step,
     knots,
@@ -201,8 +248,8 @@ def stand_in_roll(
 ):
     """A smooth moment in roll that stands in for unknown physics."""
     return curve(
-        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, start,
-        step, knots, values,
+        variable, surge, sway, heave, roll, surge_rate, sway_rate, heave_rate, roll_rate, time, drive_current, times,
+        power, scale, start, step, knots, values,
     )  # fmt: skip
 
 
@@ -221,6 +268,9 @@ def stand_in_thrust(
     time,
     drive_current,
     variable,
+    times,
+    power,
+    scale,
     start,
     step,
     knots,
@@ -241,6 +291,9 @@ def stand_in_thrust(
             roll_rate,
             time,
             drive_current,
+            times,
+            power,
+            scale,
             start,
             step,
             knots,

@@ -8,7 +8,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ...core.parameters import Parameter
+from ..factor import Factor
 from .forms import Form, Range, meaning_of, unit_of
 
 #: The name by which an effect asks for a variable, where it is not the variable's own.
@@ -23,8 +26,8 @@ FILE = "proposed_effects.py"
 
 @dataclass(frozen=True)
 class Written:
-    """A law to be written: its form, what it acts on and depends on, its values, the range of the data, and what its
-    docstring says."""
+    """A law to be written: its form, what it acts on and depends on, its values, the range of the data, what its
+    docstring says, and what it is multiplied by (without that one's scale)."""
 
     form: Form
     acts_on: str
@@ -32,11 +35,21 @@ class Written:
     values: Mapping[str, float]
     covered: Range
     words: str = ""
+    factor: Factor | None = None
 
     @property
     def name(self) -> str:
         """Name of the effect."""
-        return f"proposed_{self.form.name}_{self.acts_on}_on_{self.variable}"
+        times = f"_times_{self.factor.label}" if self.factor else ""
+        return f"proposed_{self.form.name}_{self.acts_on}_on_{self.variable}{times}"
+
+    def force(self, u: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """The law at u (n,) with these parameters, its factor at its scale."""
+        return self.form.value(u, values) * (self.factor.size if self.factor else 1.0)
+
+    def unit(self, parameter: str) -> str:
+        """Unit of one of its parameters."""
+        return unit_of(self.form, parameter, self.acts_on, self.variable, self.factor)
 
 
 def module_text(laws: Sequence[Written], header: str = "") -> str:
@@ -52,7 +65,12 @@ def _effect_text(law: Written) -> str:
     argument = _ARGUMENT.get(law.variable, law.variable)
     total = " + ".join(_product(t.size, t.expression) for t in law.form.terms)
     total = re.sub(r"\bu\b", argument, total)
-    names = ", ".join([argument, *law.form.names])
+    arguments = [argument]
+    if law.factor is not None:
+        other = _ARGUMENT.get(law.factor.variable, law.factor.variable)
+        arguments.append(other)
+        total = f"{' * '.join([other] * law.factor.power)} * ({total})"
+    names = ", ".join([*arguments, *law.form.names])
     if law.acts_on == "thrust":
         names, total, target = f"thrust, {names}", f"thrust * (1.0 + {total})", 'changes="thrust"'
     else:
@@ -80,7 +98,7 @@ def _declaration(law: Written, parameter: str) -> str:
 
 def declaration(law: Written, parameter: str) -> Parameter:
     """The declaration of a law's parameter: a size vanishes by default, a shape is where it was found."""
-    value, unit = law.values[parameter], unit_of(law.form, parameter, law.acts_on, law.variable)
+    value, unit = law.values[parameter], law.unit(parameter)
     kind = next((s.kind for s in law.form.shapes if s.name == parameter), "")
     if kind:
         low, high = law.covered.bounds(kind)

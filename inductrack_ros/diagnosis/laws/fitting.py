@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from scipy import optimize, stats
 
-from ...core.effects.stand_in import basis
+from ...core.effects.stand_in import VARIABLES, basis
 from ...estimation.structure import roughness
+from ..factor import Factor
 from .forms import Form, Range, forms_on
 
 #: Directions of a table count as seen where the data say at least this part of what the prior of its smoothness says.
@@ -36,7 +37,8 @@ class Table:
     """What data say of an unknown force over a variable: ``told`` (d,) = ``shown`` (d, n) · force at ``u`` (n,), noise
     of unit variance.
 
-    A constant is not seen of a change of the thrust, for γ does the same (``level``: it is taken out).
+    A constant is not seen of a change of the thrust, for γ does the same (``level``: it is taken out). A force times a
+    ``factor`` is per unit of that.
     """
 
     acts_on: str
@@ -45,6 +47,7 @@ class Table:
     told: np.ndarray
     shown: np.ndarray
     level: bool = False
+    factor: Factor | None = None
 
     @property
     def range(self) -> Range:
@@ -58,17 +61,12 @@ class Table:
 
     @classmethod
     def of(
-        cls,
-        name: str,
-        variable: str,
-        start: float,
-        step: float,
-        values: np.ndarray,
-        covariance: np.ndarray,
-        weight: float,
+        cls, name: str, about: Mapping[str, float], values: np.ndarray, covariance: np.ndarray, weight: float
     ) -> Table:
-        """From a stand-in's fitted values (l,), their covariance (l, l) and the ``weight`` of its roughness."""
-        count = len(values)
+        """From a stand-in's parameters, its fitted values (l,), their covariance (l, l) and the ``weight`` of its
+        roughness."""
+        count, factor = len(values), Factor.of(about)
+        start, step = about["start"], about["step"]
         plain, bent = (roughness(name, count, w) for w in (0.0, 1.0))
         bends, modes = np.linalg.eigh(bent - plain)
         prior = plain[0, 0] + weight * np.where(bends > 1e-12 * bends[-1], bends, 0.0)
@@ -87,11 +85,12 @@ class Table:
         laid = np.linalg.pinv(basis(u, start, step, count), rcond=1e-8)
         return cls(
             name.removeprefix("stand_in_"),
-            variable,
+            VARIABLES[int(about["variable"])],
             u,
             told,
-            np.sqrt(said[seen])[:, None] * directions @ laid,
+            np.sqrt(said[seen])[:, None] * directions @ laid * (factor.size if factor else 1.0),
             name == "stand_in_thrust",
+            factor,
         )
 
     def lay(self, columns: np.ndarray) -> np.ndarray:
@@ -133,7 +132,7 @@ class Fitted:
 def fitted(table: Table, samples: int, forms: Sequence[Form] | None = None) -> list[Fitted]:
     """All forms that make sense on a table's variable, fitted, cheapest first; ``samples`` (n) were measured."""
     found: list[tuple[Fitted, np.ndarray]] = []
-    for form in forms_on(table.variable, table.acts_on) if forms is None else forms:
+    for form in forms_on(table.variable, table.acts_on, table.factor is not None) if forms is None else forms:
         parameters, misfit = _fitted(table, form)
         parameters = _canonical(form, parameters)
         one = Fitted(

@@ -16,6 +16,7 @@ from functools import cache
 import numpy as np
 
 from ...core.effects.stand_in import VARIABLES
+from ..factor import Factor
 
 #: No value of an expression is taken for larger than this.
 LARGEST = 1e60
@@ -348,11 +349,11 @@ FORMS: tuple[Form, ...] = (
 )
 
 
-def forms_on(variable: str, acts_on: str) -> tuple[Form, ...]:
-    """The forms that are tried on a variable; a change of the thrust that is constant is γ's."""
-    return tuple(
-        f for f in FORMS if variable in f.on and not (acts_on == "thrust" and f.name in ("constant", "line", "falling"))
-    )
+def forms_on(variable: str, acts_on: str, multiplied: bool = False) -> tuple[Form, ...]:
+    """The forms that are tried on a variable; a change of the thrust that is constant is γ's, and a constant that is
+    multiplied by another variable is a form on that one."""
+    left_out = ("constant", "line", "falling") if acts_on == "thrust" else ("constant",) if multiplied else ()
+    return tuple(f for f in FORMS if variable in f.on and f.name not in left_out)
 
 
 @dataclass(frozen=True)
@@ -417,9 +418,11 @@ def unit_of_force(acts_on: str) -> str:
     return {"roll": "N·m", "thrust": ""}.get(acts_on, "N")
 
 
-def unit_of(form: Form, parameter: str, acts_on: str, variable: str) -> str:
-    """Unit of one of a form's parameters."""
+def unit_of(form: Form, parameter: str, acts_on: str, variable: str, factor: Factor | None = None) -> str:
+    """Unit of one of a form's parameters, where the form may be multiplied by a factor (without its scale)."""
     unit, force = UNITS[variable], unit_of_force(acts_on)
+    if factor is not None:
+        force = _per(force, UNITS[factor.variable], factor.power)
     for term in form.terms:
         if term.size == parameter:
             return force if term.per == 0 else _per(force, unit, term.per)
@@ -433,7 +436,7 @@ def _per(force: str, unit: str, power: int | str) -> str:
     if "/" not in unit:
         return f"{force}/{unit}{raised}"
     top, bottom = unit.split("/")
-    return f"{force}·{bottom}/{top}" if power == 1 else f"{force}/({unit}){raised}"
+    return f"{force}·{bottom}/{top}" if power == 1 and "/" not in force else f"{force}/({unit}){raised}"
 
 
 def meaning_of(form: Form, parameter: str) -> str:

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from ...core.effects.stand_in import VARIABLES
 from ...core.model import Model
 from ...estimation import shooting
 from ...estimation.shooting import Fit
@@ -21,7 +20,7 @@ from ..settings import NEAR, REFIT_STEPS, TWINS
 from . import words
 from .code import FILE, Written, module_text
 from .fitting import LEVEL, Table, fitted
-from .forms import Range, unit_of
+from .forms import Range
 from .result import Laws, ProposedLaw
 from .structure import LawStructure
 
@@ -47,7 +46,9 @@ def propose_laws(task: Task, state: State, unknown: Unknown | None, sigma: np.nd
         :1
     ]
     task.tell(f"closed forms in place of the table: {', '.join(s.form.title for s in tried)}")
-    written = [Written(s.form, table.acts_on, table.variable, s.parameters, table.range) for s in tried]
+    written = [
+        Written(s.form, table.acts_on, table.variable, s.parameters, table.range, factor=table.factor) for s in tried
+    ]
     found: list[tuple[Fit, Written, ProposedLaw]] = []
     for law in written:
         new = _refitted(task, fit, name, law)
@@ -83,15 +84,7 @@ def table_of(fit: Fit, name: str) -> Table:
     mine = fit.structure.tables[name]
     scale, about = fit.structure.scale[mine], fit.structure.model.effects[name]
     covariance = fit.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
-    return Table.of(
-        name,
-        VARIABLES[int(about["variable"])],
-        about["start"],
-        about["step"],
-        fit.theta[mine] * scale,
-        covariance,
-        fit.structure.smoothness.get(name, 0.0),
-    )
+    return Table.of(name, about, fit.theta[mine] * scale, covariance, fit.structure.smoothness.get(name, 0.0))
 
 
 def _misfit(fit: Fit) -> float:
@@ -115,11 +108,10 @@ def _judged(new: Fit, law: Written, excess: float, seen: int, saved: float, at: 
     what it costs less."""
     values, deviations = _own(new.values, law.name), _own(new.deviations, law.name)
     p = float(stats.chi2.sf(max(excess, 0.0), max(seen - law.form.count, 1))) if np.isfinite(excess) else 0.0
-    about = law.acts_on, law.variable
     return ProposedLaw(
-        law.name, law.form.title, words.formula(law.form, law.variable),
-        {n: (values[n], deviations[n], unit_of(law.form, n, *about)) for n in law.form.names},
-        words.reading(law.form, *about, values, deviations), float(saved - excess), p, law.form.value(at, values),
+        law.name, law.form.title, words.formula(law),
+        {n: (values[n], deviations[n], law.unit(n)) for n in law.form.names},
+        words.reading(law, values, deviations), float(saved - excess), p, law.force(at, values),
     )  # fmt: skip
 
 
@@ -158,7 +150,7 @@ def _settles(laws: Sequence[Written], fits: Sequence[Fit]) -> str:
     u = np.linspace(r.low - 0.5 * r.length, r.high + 0.5 * r.length, 401)
     if laws[0].variable in ("surge", "time", "surge_rate", "drive"):
         u = u[u >= 0.0]
-    first, second = (law.form.value(u, _own(f.values, law.name)) for law, f in zip(laws[:2], fits[:2], strict=True))
+    first, second = (law.force(u, _own(f.values, law.name)) for law, f in zip(laws[:2], fits[:2], strict=True))
     where = float(u[np.argmax(np.abs(first - second))])
     beyond = " (these did not)" if not r.low <= where <= r.high else ""
     return (

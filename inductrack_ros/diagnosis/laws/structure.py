@@ -44,6 +44,7 @@ class LawStructure(Structure):
             "step": (high - low) / (KNOTS - 1),
             "knots": float(KNOTS),
             "values": (0.0,) * KNOTS,
+            **(law.factor.parameters if law.factor else {}),
         }
         model = plain.model.with_changes(effects={**plain.model.effects, carrier: table})
         free = plain.free + tuple(f"{law.name}.{p}" for p in law.form.names)
@@ -101,10 +102,23 @@ class LawStructure(Structure):
     def _laid(self) -> tuple[np.ndarray, np.ndarray]:
         """Points (n,) and what turns a force there into the table's values, (knots, n)."""
         table = self.model.effects[self.carrier]
-        u = table["start"] + np.linspace(0.0, KNOTS - 1.0, POINTS * KNOTS) * table["step"]
-        return u, np.linalg.pinv(basis(u, table["start"], table["step"], KNOTS), rcond=1e-6)
+        return _points(table["start"], table["step"])
 
     def _table(self, values: Mapping[str, float]) -> np.ndarray:
         """The table's values (knots,) at named parameter values."""
         u, laid = self._laid
-        return laid @ self.law.form.value(u, {self._own(n): v for n, v in values.items() if self._own(n)})
+        return laid @ self.law.force(u, {self._own(n): v for n, v in values.items() if self._own(n)})
+
+
+def laid(law: Written) -> dict[str, float | tuple[float, ...]]:
+    """A law with its values as a stand-in's table over the range that it covers."""
+    step = law.covered.length / (KNOTS - 1)
+    u, onto = _points(law.covered.low, step)
+    values = tuple((onto @ law.force(u, law.values)).tolist())
+    return {"start": law.covered.low, "step": step, "knots": float(KNOTS), "values": values}
+
+
+def _points(start: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n,) and what turns a force there into a table's values, (knots, n)."""
+    u = start + np.linspace(0.0, KNOTS - 1.0, POINTS * KNOTS) * step
+    return u, np.linalg.pinv(basis(u, start, step, KNOTS), rcond=1e-6)

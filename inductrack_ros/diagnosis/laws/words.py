@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Mapping
 
-from .forms import Form, unit_of
+from .code import Written
 
 #: Letter of each variable, and what it is called.
 LETTER = {
@@ -72,33 +72,42 @@ def relation(acts_on: str, variable: str) -> str:
     return plain or ("own" if variable == acts_on else "own_rate" if variable == f"{acts_on}_rate" else "other")
 
 
-def formula(form: Form, variable: str) -> str:
-    """A form's formula in the variable's letter."""
-    return _in_letters(form.formula, variable)
+def formula(law: Written) -> str:
+    """A law's formula in its variables' letters."""
+    own = _in_letters(law.form.formula, law.variable)
+    if law.factor is None:
+        return own
+    raised = {1: "", 2: "²", 3: "³"}.get(law.factor.power, f"^{law.factor.power}")
+    other = f"{LETTER[law.factor.variable]}{raised}"
+    return f"({own}) {other}" if " + " in own else f"{own} · {other}"
 
 
 def _in_letters(text: str, variable: str) -> str:
     return re.sub(r"\bu(?=\b|[₀²³_])", LETTER[variable], text)
 
 
-def sizes(form: Form, acts_on: str, variable: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+def sizes(law: Written, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
     """``F = −12.0 ± 0.1 N, z₀ = 8.001 ± 0.002 m``."""
     return ", ".join(
-        f"{_in_letters(_SYMBOL[p], variable)} ="
-        f" {quantity(values[p], deviations.get(p, math.nan), unit_of(form, p, acts_on, variable))}"
-        for p in form.names
+        f"{_in_letters(_SYMBOL[p], law.variable)} = {quantity(values[p], deviations.get(p, math.nan), law.unit(p))}"
+        for p in law.form.names
     )
 
 
-def reading(
-    form: Form, acts_on: str, variable: str, values: Mapping[str, float], deviations: Mapping[str, float]
-) -> str:
+def reading(law: Written, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
     """A law in one sentence without its end: what it is, its formula, its sizes, and what would do that."""
-    about = form.causes.get(relation(acts_on, variable)) or form.causes.get("other")
+    form = law.form
+    stands = relation(law.acts_on, law.variable)
+    about = form.causes.get(stands) or form.causes.get("other")
     cause = f"; {about.removesuffix(' would do that')} would do that" if about else ""
+    times = ""
+    if law.factor is not None:
+        other = f"{'the square of ' if law.factor.power == 2 else ''}{CALLED[law.factor.variable]}"
+        times = f", times {other}"
+        cause = f"{cause} if it grew with {other}" if cause and stands in ("own", "own_rate", "place") else ""
     return (
-        f"{form.title} {_FORCE[acts_on]} on {CALLED[variable]}, {formula(form, variable)},"
-        f" {sizes(form, acts_on, variable, values, deviations)}{cause}"
+        f"{form.title} {_FORCE[law.acts_on]} on {CALLED[law.variable]}{times}, {formula(law)},"
+        f" {sizes(law, values, deviations)}{cause}"
     )
 
 
