@@ -163,7 +163,8 @@ def _check(arguments: argparse.Namespace) -> None:
 def _compare_arguments(parser: argparse.ArgumentParser) -> None:
     _campaign_arguments(parser)
     parser.epilog = (
-        "Fits nothing but the initial states that campaign.yaml does not give.\n"
+        "Fits nothing but the initial states that campaign.yaml does not give. Where MODEL.yaml says how well its\n"
+        "parameters are known, as fit, diagnose and add write it, the page shows how far the predictions are open.\n"
         "Writes comparison.json, report.html and, for each run, RUN.predicted.csv."
     )
 
@@ -173,11 +174,13 @@ def _compare(arguments: argparse.Namespace) -> None:
     with output_folder(arguments.output, campaign.folder) as folder:
         from .compare import compare
         from .comparison.files import write_results
+        from .core.uncertainty import Uncertainty
         from .reports.compare_report import compare_report, verdict
 
         with progress() as tell:
             tell(f"predicting {len(campaign.runs)} runs from their start, and from anew every 0.2 s")
-            result = compare(campaign, model, say_findings)
+            file = arguments.model or campaign.model
+            result = compare(campaign, model, say_findings, Uncertainty.load(file) if file else None)
         write_results(result, folder)
         (folder / "report.html").write_text(compare_report(result), encoding="utf-8")
     print(verdict(result))

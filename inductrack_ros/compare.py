@@ -21,9 +21,11 @@ from .core.errors import InputError
 from .core.model import Model
 from .core.sensors import counts_from_start
 from .core.state import STATES
+from .core.uncertainty import Uncertainty
 from .data import Campaign, Run
 from .data.measurement import Array
 from .estimation import noise, shooting
+from .estimation.bands import bands, hardly_known, of_the_model
 from .estimation.fit import fit
 from .estimation.problem import Problem
 from .estimation.structure import Structure
@@ -37,22 +39,26 @@ WINDOW, FEWEST_IN_WINDOW = 0.2, 12
 
 
 def compare(
-    campaign: Campaign, model: Model, hear: Callable[[tuple[Finding, ...]], None] = lambda _: None
+    campaign: Campaign,
+    model: Model,
+    hear: Callable[[tuple[Finding, ...]], None] = lambda _: None,
+    known: Uncertainty | None = None,
 ) -> Comparison:
     """Predict every run and say where the prediction fails.
 
-    ``hear`` is told what a look at the data finds, before any result. Raises `InputError` for data that cannot be meant
-    as they are written, and for what cannot be simulated."""
+    ``known`` is how well the model's parameters are known, for the bands of the predictions. ``hear`` is told what a
+    look at the data finds, before any result. Raises `InputError` for data that cannot be meant as they are written,
+    and for what cannot be simulated."""
     campaign, findings = admit(campaign, model)
     hear(findings)
     structure = Structure(model, ())
     problem = Problem(campaign, model, _first_noise(campaign))
-    states = _initial_states(problem, structure)
+    states, horizons = _initial_states(problem, structure)
     if any(c not in campaign.noise_std for c in campaign.channels):
         left = problem.residuals(structure, structure.start, states)
         found = noise.from_residuals(problem, left, campaign.noise_std)
         problem = problem.with_sigma(np.fmax(found, [_resolution(campaign, c) for c in problem.channels]))
-        states = _initial_states(problem, structure)
+        states, horizons = _initial_states(problem, structure)
     sigma = dict(zip(problem.channels, problem.sigma.tolist(), strict=True))
     everywhere = Problem(replace(campaign, runs=tuple(_filled(r) for r in campaign.runs)), model, sigma)
 
@@ -61,6 +67,9 @@ def compare(
         out[0][np.searchsorted(data.grid, data.run.times)] for out, data in zip(simulated, everywhere.runs, strict=True)
     ]
     restarted = _restart(campaign, model, sigma, truth)
+    known = None if known is None else of_the_model(known.finite(), model)
+    badly = hardly_known(known, model) if known else ()
+    open_by = _bands(everywhere, campaign, model, None if badly else known, states, horizons)
 
     def one(i: int) -> RunComparison:
         run = campaign.runs[i]
@@ -75,43 +84,67 @@ def compare(
             restarted[i],
             conditions(run, truth[i], model, sigma),
             _holds_for(run, sigmas),
+            open_by[i],
         )
 
     runs = tuple(one(i) for i in range(len(campaign.runs)))
     parts = stretches(runs)
     worst_part = outstanding(runs, parts, campaign.channels)
-    return Comparison(campaign, model, sigma, frozenset(campaign.noise_std), runs, parts, worst_part, findings)
+    given = frozenset(campaign.noise_std)
+    names = known.names if known and not badly else ()
+    return Comparison(campaign, model, sigma, given, runs, parts, worst_part, findings, names, badly)
 
 
 # ---------------------------------------------------------------- one run
 
 
-def _initial_states(problem: Problem, structure: Structure) -> list[Array]:
-    """Initial state (8,) of each run, sought from where multiple shooting has the cradle at its beginning.
+def _initial_states(problem: Problem, structure: Structure) -> tuple[list[Array], list[float]]:
+    """Initial state (8,) of each run, sought from where multiple shooting has the cradle at its beginning, and the time
+    (s) up to which it was fitted.
 
     It is fitted over as much of the run as the model follows. That is all of it if the model is right. If the model is
     wrong it is the beginning only, so that the fit does not spread the model's error over the run."""
     if not any(data.free_states.size for data in problem.runs):
-        return [data.guess for data in problem.runs]
+        return [data.guess for data in problem.runs], [0.0] * len(problem.runs)
     held = shooting.fit(problem, structure).states
 
-    def state(i: int) -> Array:
+    def state(i: int) -> tuple[Array, float]:
         alone = problem.subset([i])
         if not problem.runs[i].free_states.size:
-            return problem.runs[i].guess
+            return problem.runs[i].guess, 0.0
         whole = fit(alone, structure, [held[i]], iterations=12)
         if whole.chi2 <= FOLLOWS * alone.samples:
-            return whole.states[0]
-        now = held[i]
+            return whole.states[0], alone.length
+        now, until = held[i], alone.length
         for horizon in HORIZONS:
             part = alone.within(horizon)
             found = fit(part, structure, [now], iterations=12, tolerance=0.5)
             if not found.chi2 <= FOLLOWS * part.samples and (now is not held[i] or not np.isfinite(found.chi2)):
                 break
-            now = found.states[0]
-        return now
+            now, until = found.states[0], horizon
+        return now, until
 
-    return problem.for_runs(state)
+    found = problem.for_runs(state)
+    return [state for state, _ in found], [until for _, until in found]
+
+
+def _bands(
+    everywhere: Problem,
+    campaign: Campaign,
+    model: Model,
+    known: Uncertainty | None,
+    states: list[Array],
+    horizons: list[float],
+) -> list[Array | None]:
+    """Standard deviation (n, c) over noise of each run's predictions; None where nothing is known of the parameters."""
+    if known is None or not known.names:
+        return [None] * len(campaign.runs)
+    fitted = [
+        run.measured.ravel() & (data.time <= until)
+        for run, data, until in zip(campaign.runs, everywhere.runs, horizons, strict=True)
+    ]
+    found = bands(everywhere, known, states, fitted, model)
+    return [band.reshape(run.values.shape) for run, band in zip(campaign.runs, found, strict=True)]
 
 
 def _followed(problem: Problem, structure: Structure) -> Array:

@@ -24,6 +24,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from .core import channels
 from .core.errors import InputError
 from .core.model import Model
 from .core.user_files import run_file, use_shipped
@@ -147,8 +148,8 @@ def _pack(value: object) -> bytes:
 def _versions() -> tuple[str, ...]:
     """What has a say in the bits: the sources of this package and the versions of what computes."""
     sources = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        sources.update(path.read_bytes())
+    for path in [*sorted(Path(__file__).parent.rglob("*.py")), *map(Path, channels.user_files())]:
+        sources.update(path.expanduser().read_bytes())
     packages = [f"{name} {version(name)}" for name in ("numpy", "scipy", "numba")]
     return (
         f"inductrack_ros sources {sources.hexdigest()[:12]}",

@@ -37,6 +37,7 @@ NOISE = {
 NOISE |= dict.fromkeys(("gap_top", "gap_right", "gap_left"), 3e-5) | dict.fromkeys(
     ("surge_acceleration", "sway_acceleration", "heave_acceleration"), 0.05
 )
+NOISE |= {"coil_current": 1.0}
 POSE = ("surge", "sway", "heave", "roll")
 PRACTICE = Path(__file__).parent / "data" / "practice"
 

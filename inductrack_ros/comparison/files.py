@@ -4,7 +4,8 @@
 ``comparison.json``::
 
     {"campaign": "rig-2026-10",
-     "model": {"effects": ["aerodynamic_drag"], "parameters": {"eta": 0.7295, …}},
+     "model": {"effects": ["aerodynamic_drag"], "parameters": {"eta": 0.7295, …},
+               "uncertain": ["eta", …]},    // parameters whose covariance the bands below take
      "findings": [{"kind": "outliers", "channel": "sway", "count": 31, …}],      // as in check.json
      "notes": ["run_00: …"],      // what was converted or left out while reading
      "noise_std": {"heave": {"value": 3e-05, "given": true}, …},
@@ -15,6 +16,8 @@
                "rmse": {"heave": 3.9e-4, …},                     // in the channel's unit
                "holds_for": 0.31,   // s until the error (RMS over 20 samples) exceeds 3 noises; null: it never does
                "initial_state": {"surge": 0.0, …}, "estimated": ["surge_rate", …],
+               "band": {"heave": 2.1e-5, …},     // largest standard deviation of the prediction, in the channel's unit
+               "beyond_band": {"heave": 1.1, …},      // error over noise and band together; both are {} without bands
                "predicted": "run_00.predicted.csv"}, …],
      "stretches": [{"by": "speed", "unit": "m/s", "low": 15.0, "high": 20.0, "samples": 3000,
                     "error_over_noise": 60.2, "channels": {"heave": 14.0, …},
@@ -33,9 +36,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..core.plain_json import file_text, plain
 from ..data import write_prediction
-from .result import Comparison
+from .result import Comparison, RunComparison
 
 
 def write_results(result: Comparison, folder: Path) -> None:
@@ -43,6 +48,13 @@ def write_results(result: Comparison, folder: Path) -> None:
     (folder / "comparison.json").write_text(file_text(to_json(result)), encoding="utf-8")
     for r in result.runs:
         write_prediction(folder, r.run, r.predicted)
+
+
+def _largest_bands(result: Comparison, r: RunComparison) -> dict[str, float]:
+    """The largest standard deviation of each channel's prediction, SI."""
+    if r.band is None:
+        return {}
+    return {c: float(np.nanmax(r.band[:, i])) * result.noise[c] for i, c in enumerate(r.run.channels)}
 
 
 def to_json(result: Comparison) -> dict[str, Any]:
@@ -53,6 +65,7 @@ def to_json(result: Comparison) -> dict[str, Any]:
             "model": {
                 "effects": list(result.model.effects),
                 "parameters": {k: v for k, v in result.model.to_mapping().items() if isinstance(v, (int, float))},
+                "uncertain": list(result.known),
             },
             "findings": [f.to_json() for f in result.findings],
             "notes": list(result.campaign.notes),
@@ -72,6 +85,8 @@ def to_json(result: Comparison) -> dict[str, Any]:
                     "holds_for": r.holds_for,
                     "initial_state": dict(r.initial_state),
                     "estimated": list(r.estimated),
+                    "band": _largest_bands(result, r),
+                    "beyond_band": r.beyond_band,
                     "predicted": f"{r.run.name}.predicted.csv",
                 }
                 for r in result.runs

@@ -33,6 +33,8 @@ class RunComparison:
     sigmas: (n, c) (measured − predicted) / noise, NaN where not measured
     restarted: (n, c) the same where every window starts from a state fitted to it
     conditions: speed, gap, place, contact, each (n,)
+    band: (n, c) standard deviation of ``predicted`` over noise, by what is known of parameters and initial state; None
+        where nobody says how well the parameters are known
     """
 
     run: Run
@@ -43,6 +45,7 @@ class RunComparison:
     restarted: Array | None
     conditions: Mapping[str, Array]
     holds_for: float | None
+    band: Array | None = None
 
     @property
     def error(self) -> float:
@@ -53,6 +56,14 @@ class RunComparison:
     def errors(self) -> dict[str, float]:
         """Error over noise by channel."""
         return {c: rms(self.sigmas[:, i]) for i, c in enumerate(self.run.channels)}
+
+    @property
+    def beyond_band(self) -> dict[str, float]:
+        """Error by channel over noise and band together: about 1 where the band explains it."""
+        if self.band is None:
+            return {}
+        ratio = self.sigmas / np.sqrt(1.0 + self.band**2)
+        return {c: rms(ratio[:, i]) for i, c in enumerate(self.run.channels)}
 
     @property
     def rmse(self) -> dict[str, float]:
@@ -88,6 +99,8 @@ class Comparison:
     stretches: tuple[Stretch, ...]
     outstanding: Outstanding | None = None
     findings: tuple[Finding, ...] = ()
+    known: tuple[str, ...] = ()  # parameters of which the bands take the uncertainty
+    hardly_known: tuple[str, ...] = ()  # those that are known too badly for bands, which there are none of then
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -103,6 +116,12 @@ class Comparison:
     def errors(self) -> dict[str, float]:
         """Error over noise by channel over all runs."""
         return {c: rms(np.concatenate([column(r, r.sigmas, c) for r in self.runs])) for c in self.channels}
+
+    @property
+    def beyond_bands(self) -> float:
+        """Error of the whole campaign over noise and band together; NaN without bands."""
+        ratios = [r.sigmas / np.sqrt(1.0 + r.band**2) for r in self.runs if r.band is not None]
+        return rms(np.concatenate([r.ravel() for r in ratios])) if ratios else math.nan
 
     @property
     def worst_run(self) -> RunComparison:

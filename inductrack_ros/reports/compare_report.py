@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from ..compare import HOLDS_LIMIT, HOLDS_SAMPLES, WINDOW
 from ..comparison.outstanding import Region
@@ -56,7 +57,7 @@ def compare_report(result: Comparison) -> str:
         "Traces",
         explorer(
             page,
-            [_traces(r) for r in result.runs],
+            [_traces(r, result.noise) for r in result.runs],
             result.noise,
             opening=Opening(
                 (worst.run.name, _worst_channel(worst)), ("by this model", ""), result.error <= NOISE_ALONE
@@ -103,6 +104,11 @@ def _lead(result: Comparison) -> str:
             points.append(f"Predictions leave the noise after {'–'.join(span)} s{tail}.")
         if place := _outstanding(result):
             points.append(markup("<strong>{}</strong> (when restarted every {:g} s).", place, WINDOW))
+    if result.hardly_known:
+        names = listed(result.hardly_known)
+        points.append(f"No bands are drawn: {names} {'is' if len(result.hardly_known) == 1 else 'are'} hardly known.")
+    if result.known:
+        points.append(_openness(result))
     points.append(model_words(result))
     if result.error > NOISE_ALONE:
         points.append(
@@ -111,6 +117,20 @@ def _lead(result: Comparison) -> str:
             )
         )
     return bullets(points)
+
+
+def _openness(result: Comparison) -> str:
+    """How much of the error the uncertainty of the parameters explains."""
+    names = listed(result.known[:NAMED])
+    more = f" and {len(result.known) - NAMED} more" if len(result.known) > NAMED else ""
+    left = result.beyond_bands
+    said = (
+        "explains the error"
+        if left <= NOISE_ALONE
+        else f"does not explain the error: {ratio(left)} times both are left"
+    )
+    known = f"What is known of {names}{more} leaves the predictions open by the bands in the traces."
+    return known if result.error <= NOISE_ALONE else f"{known} With the noise, that {said}."
 
 
 def _outstanding(result: Comparison) -> str:
@@ -196,13 +216,16 @@ def _matrix(result: Comparison) -> Figure:
     )
 
 
-def _traces(r: RunComparison) -> RunTraces:
+def _traces(r: RunComparison, noise: Mapping[str, float]) -> RunTraces:
     traces = {}
     errors = r.errors
     for i, channel in enumerate(r.run.channels):
         rows = r.run.measured[:, i]
         if rows.any():
-            traces[channel] = Trace(r.run.times[rows], r.run.values[rows, i], [r.predicted[rows, i]], [errors[channel]])
+            band = None if r.band is None else r.band[rows, i] * noise[channel]
+            traces[channel] = Trace(
+                r.run.times[rows], r.run.values[rows, i], [r.predicted[rows, i]], [errors[channel]], band
+            )
     return RunTraces(r.run.name, _about(r), traces)
 
 

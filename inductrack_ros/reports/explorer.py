@@ -21,12 +21,14 @@ MOST = 1500
 
 @dataclass(frozen=True)
 class Trace:
-    """One channel of one run: times, measured, a prediction per variant, all (m,), SI; error over noise per variant."""
+    """One channel of one run: times, measured, a prediction per variant, all (m,), SI; error over noise per variant.
+    ``band`` (m,) is the first prediction's standard deviation, SI, where that is known."""
 
     times: Array
     measured: Array
     predicted: Sequence[Array]
     errors: Sequence[float]
+    band: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,8 @@ def explorer(
     )
     thinned = max((len(t.times) for r in runs for t in r.traces.values()), default=0) > MOST
     named = [(c, title(c)) for c in channels]
-    return parts.explorer(runs, named, [effect_name(e) for e in effects], thinned, 110 + 34 * len(channels))
+    banded = any(t.band is not None for r in runs for t in r.traces.values())
+    return parts.explorer(runs, named, [effect_name(e) for e in effects], thinned, banded, 110 + 34 * len(channels))
 
 
 def _trace(channel: str, trace: Trace) -> dict[str, object]:
@@ -90,4 +93,4 @@ def _trace(channel: str, trace: Trace) -> dict[str, object]:
         "y": packed(trace.measured[keep] * factor),
         "p": [packed(p[keep] * factor) for p in trace.predicted],
         "e": [float(e) for e in trace.errors],
-    }
+    } | ({} if trace.band is None else {"b": packed(trace.band[keep] * factor)})

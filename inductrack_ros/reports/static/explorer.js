@@ -23,11 +23,23 @@
     const t = values(trace.t), y = values(trace.y);
     const residual = (k) => Array.from(values(trace.p[k]), (p, i) => (y[i] - p) / noise);
     const single = data.effects.length === 0;
-    const list = [
+    const list = [];
+    if (trace.b) { // two standard deviations to either side of the first prediction; below, together with the noise
+      const band = values(trace.b), p = values(trace.p[0]);
+      const edge = { x: t, mode: "lines", line: { width: 0 }, hoverinfo: "skip", showlegend: false };
+      const filled = { ...edge, fill: "tonexty", fillcolor: "@shade" };
+      const above = (sign) => Array.from(p, (v, i) => v + sign * 2 * band[i]);
+      const below = (sign) => Array.from(band, (b) => sign * 2 * Math.hypot(1, b / noise));
+      list.push({ ...edge, y: above(-1) });
+      list.push({ ...filled, y: above(1), name: "prediction ± 2 standard deviations", showlegend: true });
+      list.push({ ...edge, y: below(-1), yaxis: "y2" });
+      list.push({ ...filled, y: below(1), yaxis: "y2" });
+    }
+    list.push(
       { x: t, y, name: "measured", mode: "markers", marker: { size: 3.5, color: "@measured" }, hovertemplate: `%{y:.5g} ${unit}` },
       { x: t, y: values(trace.p[0]), name: data.words[0], mode: "lines", line: { color: data.colour, width: single ? 1.8 : 1.4, dash: single ? "solid" : "dot" }, hovertemplate: `%{y:.5g} ${unit}` },
       { x: t, y: residual(0), name: data.words[0], mode: "lines", line: { color: data.colour, width: 1 }, yaxis: "y2", showlegend: false, opacity: single ? 1 : 0.55, hovertemplate: "%{y:.3g} × noise" },
-    ];
+    );
     if (chosen > 0) {
       list.push({ x: t, y: values(trace.p[chosen]), name: data.words[1], mode: "lines", line: { color: "@after", width: 1.8 }, hovertemplate: `%{y:.5g} ${unit}` });
       list.push({ x: t, y: residual(chosen), name: data.words[1], mode: "lines", line: { color: "@after", width: 1 }, yaxis: "y2", showlegend: false, hovertemplate: "%{y:.3g} × noise" });
