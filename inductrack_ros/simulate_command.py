@@ -211,7 +211,7 @@ def _flown(model: Model, flight: Flight, arguments: argparse.Namespace) -> Traje
     times = np.arange(round(arguments.duration * arguments.rate) + 1) / arguments.rate
     model = model.with_changes(conditions={**model.conditions, **flight.conditions})
     start = model.initial_state(drive_current=flight.drive_current, **flight.initial)
-    flown = model.simulate(times, start, flight.drive_current)
+    flown = model.simulate(times, start, flight.drive_current, further=arguments.measured or bool(arguments.runs))
     lost = np.flatnonzero(~np.isfinite(flown.states).all(axis=1))
     if lost.size:
         raise InputError(

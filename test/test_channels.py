@@ -100,7 +100,7 @@ def watched(rig: Model, model: Model, channel: str) -> Monitor:
         Monitor(model.with_changes({"drive_current": 0.0}), np.array([noise[c] for c in SEEN])),
         (np.arange(801) / 400.0),
     )
-    run = rig.simulate(times, rig.initial_state(surge_rate=35.0, drive_current=0.0), 0.0)
+    run = rig.simulate(times, rig.initial_state(surge_rate=35.0, drive_current=0.0), 0.0, further=True)
     sensors = Sensors.of(rig)
     read = {c: sensors.read(c, times, times, run.outputs[None])[0] for c in (*STATES, channel)}
     for k, time in enumerate(times):
@@ -137,13 +137,15 @@ def test_the_coil_current_is_that_of_the_equations():
     flux = p["eta"] * p["peak_field"] * p["wavelength"] / (2 * np.pi) * q["overlap"]
     expected = abs(1j * omega * flux / (p["resistance"] + 1j * omega * p["inductance"]))
     assert q["coil_current"] == pytest.approx(expected, rel=1e-12)
-    run = model.simulate(np.array([0.0, 0.3]), state)
+    with pytest.raises(KeyError, match="further=True"):
+        model.simulate(np.array([0.0, 0.3]), state)["coil_current"]
+    run = model.simulate(np.array([0.0, 0.3]), state, further=True)
     assert run["coil_current"][1] == pytest.approx(model.quantities(run.states[1])["coil_current"], rel=1e-9)
 
 
 def test_coils_have_no_averaged_current():
     model = Model.create(track="coils", coil_options={"track_length": 20.0})
-    run = model.simulate(np.array([0.0, 0.02]), model.initial_state(surge_rate=20.0))
+    run = model.simulate(np.array([0.0, 0.02]), model.initial_state(surge_rate=20.0), further=True)
     assert np.isnan(run["coil_current"]).all() and np.isfinite(run.states).all()
 
 

@@ -65,7 +65,7 @@ def flown(
     model, rng = Model.default(), np.random.default_rng(seed)
     runs, times = [], np.arange(count) * step
     for name, (current, states) in zip("abcdefgh", starts, strict=False):
-        flight = model.simulate(times, model.initial_state(**states), current)
+        flight = model.simulate(times, model.initial_state(**states), current, further=True)
         values = np.column_stack([flight[c] + NOISE[c] * rng.standard_normal(count) for c in channels])
         runs.append(Run(name, Path(f"{name}.csv"), channels, times, values, times, current))
     return Campaign("rig", Path("rig"), tuple(runs), {c: NOISE[c] for c in channels})

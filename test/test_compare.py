@@ -42,7 +42,7 @@ def make_campaign(
     for i, (speed, sway, current) in enumerate(RUNS):
         times = np.arange(0, duration, step)
         state = model.initial_state(surge_rate=speed, sway=sway)
-        truth = model.simulate(times, state, current)
+        truth = model.simulate(times, state, current, further=True)
         columns = {c: truth[c] + random.normal(0, noise_std[c], times.size) for c in channels}
         if rounded:
             columns["heave"] = np.round(columns["heave"] / rounded) * rounded

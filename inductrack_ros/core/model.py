@@ -56,14 +56,16 @@ class Pulses:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A simulated run: ``times`` (n,) and ``outputs`` (n, w), the columns of `state.OUTPUTS`; ``final`` is the whole
-    last state."""
+    """A simulated run: ``times`` (n,) and ``outputs`` (n, w), the columns of `state.MOTION` or all of `state.OUTPUTS`;
+    ``final`` is the whole last state."""
 
     times: np.ndarray
     outputs: np.ndarray
     final: np.ndarray
 
     def __getitem__(self, channel: str) -> np.ndarray:
+        if INDEX[channel] >= self.outputs.shape[1]:
+            raise KeyError(f"{channel} was not simulated; simulate(…, further=True) does")
         return self.outputs[:, INDEX[channel]]
 
     @property
@@ -467,19 +469,21 @@ class Model:
         pulses: Pulses | None = None,
         start: float | None = None,
         longest_step: float = 1.0,
+        further: bool = False,
     ) -> Trajectory:
         """Integrate from ``x``, true at ``start`` (s, the first of ``times`` unless given), through ``times`` (n,),
         rising.
 
         Thrust is the averaged law at ``drive_current`` (A), or with ``drive: pulses`` that of ``pulses``. The run's
         travel counts from x. Where x holds no states of effects, (8,), these start from the run's own conditions. A
-        state that leaves all bounds ends in NaN rows."""
+        state that leaves all bounds ends in NaN rows. ``further`` asks for the channels beside the motion too, which
+        takes longer."""
         times = np.ascontiguousarray(times, float)
         if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
             raise InputError("simulate: times must be a rising list of seconds")
         begin = times[0] if start is None else start
         x = self._whole_state(x, begin, drive_current, pulses)
-        outputs = np.empty((1, times.size, len(OUTPUTS)))
+        outputs = np.empty((1, times.size, len(OUTPUTS if further else MOTION)))
         state = x[None].copy()
         self._run(times, begin, state, x[0], drive_current, pulses, longest_step, outputs)
         return Trajectory(times, outputs[0], state[0])

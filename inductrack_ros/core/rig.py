@@ -16,7 +16,7 @@ import numpy as np
 from .model import Model
 from .parameters import Parameter
 from .sensors import Past, Sensors
-from .state import CHANNEL, INDEX, INSTRUMENTS, OUTPUTS
+from .state import CHANNEL, INDEX, INSTRUMENTS
 
 #: The channels that each sensor delivers in one message.
 SENSORS = {name: instrument.channels for name, instrument in INSTRUMENTS.items()}
@@ -98,7 +98,7 @@ class Rig:
         self._taken = dict.fromkeys(SENSORS, -1)
         self._waiting: dict[str, deque[tuple[float, np.ndarray]]] = {name: deque() for name in SENSORS}
         self._pasts: dict[str, Past] = {}
-        self._times, self._runs, self._count = np.empty(_FIRST), np.empty((_FIRST, len(OUTPUTS))), 0
+        self._times, self._runs, self._count = np.empty(_FIRST), np.empty((_FIRST, 0)), 0
 
     def step(self, time: float, truth: np.ndarray, period: float) -> list[Sample]:
         """The samples that come with this tick. ``truth`` (w,), as `state.OUTPUTS`, is the run's at ``time`` (s),
@@ -164,6 +164,8 @@ class Rig:
     # -- the truth of the last ticks ----------------------------------------------------------------------------
 
     def _remember(self, time: float, truth: np.ndarray) -> None:
+        if self._count == 0 and self._runs.shape[1] != truth.size:
+            self._runs = np.empty((len(self._times), truth.size))
         if self._count == len(self._times):
             self._forget(time)
         self._times[self._count], self._runs[self._count] = time, truth

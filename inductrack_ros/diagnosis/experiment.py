@@ -17,7 +17,7 @@ import numpy as np
 from ..core.errors import InputError
 from ..core.firing import pulses_of
 from ..core.model import Model
-from ..core.state import GAPS, INDEX, STATES
+from ..core.state import GAPS, INDEX, MOTION, STATES
 from ..data.limits import Limits
 from ..data.measurement import Run
 from ..estimation import fit as deterministic
@@ -107,7 +107,7 @@ def _made(
     try:
         if model.drive == "pulses":
             pulses = pulses_of(model, start, duration, current)
-        made = model.simulate(times, start, drive_current=current, pulses=pulses)
+        made = model.simulate(times, start, drive_current=current, pulses=pulses, further=problem.width > len(MOTION))
     except InputError:
         return None
     values = np.column_stack([made[c] for c in problem.channels])
