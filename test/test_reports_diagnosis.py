@@ -11,6 +11,7 @@ import pytest
 from test_reports_browser import BROWSER, open_page
 
 from inductrack_ros.core.model import Model
+from inductrack_ros.diagnosis.factor import Factor
 from inductrack_ros.diagnosis.laws.result import Laws, ProposedLaw
 from inductrack_ros.diagnosis.result import Diagnosis, Limit, Proposal, Rival, RunTraces, Step, Unknown
 from inductrack_ros.diagnosis.result import Test as ScoreTest
@@ -123,6 +124,18 @@ def unlawful() -> Diagnosis:
     return replace(unknown(), laws=Laws(9, nearest=replace(law, p_value=1e-9)))
 
 
+def paired() -> Diagnosis:
+    """An unknown on two variables, with a law that every run was predicted with."""
+    base, law = proposed(), "proposed_bump_heave_on_surge"
+    seen = np.random.default_rng(2).uniform([0.0, 12.0], [20.0, 30.0], (200, 2))
+    traces = tuple(
+        replace(t, predicted={**t.predicted, ("stand_in_heave",): t.predicted[()], (law,): t.predicted[()]})
+        for t in base.traces
+    )
+    on_both = replace(base.unknown.times(Factor("surge_rate", 2, 20.0)), seen=seen)
+    return replace(base, unknown=on_both, traces=traces)
+
+
 ALL = {
     "adequate": adequate,
     "one": lambda: made((DRAG,)),
@@ -131,6 +144,7 @@ ALL = {
     "unknown": unknown,
     "an unknown with laws": proposed,
     "an unknown without": unlawful,
+    "an unknown on two variables": paired,
     "one and an unknown": lambda: replace(unknown(), effects=(DRAG,)),
 }
 
@@ -226,3 +240,34 @@ def test_a_law_is_proposed_and_none_is_claimed():
     page = diagnosis_report(unlawful())
     assert "None of the 9 forms tried describes it" in page and "proposed_effects.py" not in page
     assert unlawful().to_json()["laws"] == [] and [law["name"] for law in proposed().to_json()["laws"]][1] == "other"
+
+
+def test_an_unknown_on_two_variables_shows_both():
+    """Sentence, curve at the second variable's usual size, surface, JSON."""
+    page = diagnosis_report(paired())
+    assert "depends on the place along the track and speed" in verdict(paired())
+    assert "at speed = 20 m/s" in page and "Over both variables" in page and "elsewhere the surface is a guess" in page
+    assert paired().to_json()["unknown"]["factor"] == {"variable": "surge_rate", "power": 2, "scale": 20.0}
+    assert "Over both variables" not in diagnosis_report(proposed()) and "factor" not in unknown().to_json()["unknown"]
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium or chrome in PATH: the reports are not opened")
+def test_law_and_table_are_switched_against_each_other(tmp_path):
+    """The page opens with the law on; the table goes on in its place, never both; the surface has its dots."""
+    seen = open_page(
+        diagnosis_report(paired()),
+        tmp_path,
+        """
+        const boxes = [...document.querySelectorAll("[data-effect]")];
+        const name = (box) => box.parentElement.textContent.trim();
+        const look = () => boxes.filter((box) => box.checked).map(name);
+        seen.first = look();
+        const other = boxes.find((box) => !box.checked);
+        other.click(); await pause(); seen.second = look();
+        seen.said = document.getElementById("explorer-sentence").textContent;
+        other.click(); await pause(); seen.none = look();
+        seen.surface = [...document.querySelectorAll(".plot")].filter((p) => p.data && p.data[0].type === "heatmap").map((p) => p.data.length);
+        """,  # noqa: E501
+    )
+    assert seen["first"] == ["proposed bump heave on surge"] and seen["second"] == ["stand-in for the unknown in heave"]
+    assert "with the effects chosen" in seen["said"] and seen["none"] == [] and seen["surface"] == [2]

@@ -18,6 +18,7 @@ from ..estimation.processes import IMPACT
 from ..estimation.shooting import ANEW, Fit, exactly, fit
 from . import background
 from .factor import Factor
+from .laws.result import Laws
 from .moves import State, Task, screened, without
 from .result import Limit, Rival, Test, Unknown
 from .screening import WAVES, Screening
@@ -48,6 +49,13 @@ def subsets(task: Task, state: State, base: Fit) -> dict[tuple[str, ...], Fit]:
                 smaller = without(task, smaller, name, ANEW)
             found[kept] = smaller.fit
     return found
+
+
+def with_laws(state: State, laws: Laws | None) -> dict[tuple[str, ...], Fit]:
+    """The fit with the best law in the place of the force of any shape; none where no law is proposed."""
+    if laws is None or not laws.proposed or laws.fit is None:
+        return {}
+    return {(*state.known, laws.proposed[0].name): laws.fit}
 
 
 def settled_base(task: Task, state: State, base: Fit) -> Fit:

@@ -97,6 +97,7 @@ def diagnosis_of(
     notes += support.leftover(problem, f, state.far)
     tests, p_value = answer.tests_of(screening)
     held = [f.structure.free[k] for k in f.structure.held]
+    laws = propose_laws(task, state, unknown, sigma)
     notes += support.held(f)
     if verdict != "unknown_effect":
         notes += support.predicted(steps, any(x.kind == SHAKEN for x in found))
@@ -119,12 +120,12 @@ def diagnosis_of(
         findings=found,
         tests=tests,
         p_value=p_value,
-        traces=errors.traces_of(problem, fits),
+        traces=errors.traces_of(problem, fits | answer.with_laws(state, laws)),
         proposal=proposal,
         seconds=time.monotonic() - began,
         log=state.log,
         uncertainty=uncertainty_of(f),
-        laws=propose_laws(task, state, unknown, sigma),
+        laws=laws,
     )
 
 

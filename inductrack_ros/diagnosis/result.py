@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -231,6 +231,7 @@ class Diagnosis:
                         "depends_on": list(self.unknown.depends_on),
                         "peak": self.unknown.peak,
                         "unit": self.unknown.unit,
+                        **({"factor": asdict(self.unknown.factor)} if self.unknown.factor else {}),
                     }
                 ),
                 "next_experiment": self.next_experiment,

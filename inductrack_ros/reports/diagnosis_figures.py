@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a diagnosis: the error as effects are added, an unknown force, what would have shown."""
+"""Figures of a diagnosis: the error as effects are added, what would have shown."""
 
 from __future__ import annotations
 
@@ -7,12 +7,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from ..diagnosis.result import Diagnosis, Limit, Step
-from .diagnosis_words import DEPENDS, declared, finite, full, law, of_sensor
-from .law_section import curves
-from .page import Figure, packed
+from .diagnosis_words import declared, finite, full, of_sensor
+from .page import Figure
 from .words import effect_name, listed, number, ratio
 
 
@@ -77,40 +74,6 @@ def _line_at_one(axis: str) -> dict[str, Any]:
         f"{across}1": 1,
         "line": line,
     }
-
-
-def unknown_figure(result: Diagnosis) -> Figure:
-    unknown = result.unknown
-    named, (factor, unit), _ = law(unknown)
-    at = np.asarray(unknown.at, float)
-    force = factor * np.asarray(unknown.force, float)
-    half = factor * np.asarray(unknown.band, float)
-    quiet = {"type": "scatter", "mode": "lines", "showlegend": False}
-    band = quiet | {
-        "x": packed(np.concatenate([at, at[::-1]])),
-        "y": packed(np.concatenate([force + half, (force - half)[::-1]])),
-        "fill": "toself",
-        "fillcolor": "@shade",
-        "line": {"width": 0},
-        "hoverinfo": "skip",
-    }
-    line = quiet | {
-        "x": packed(at),
-        "y": packed(force),
-        "line": {"color": "@before", "width": 2.5},
-        "hovertemplate": f"%{{x:.4g}}: %{{y:.3g}} {unit}<extra></extra>",
-    }
-    on = DEPENDS[unknown.depends_on[0]][1] if unknown.depends_on else ""
-    what = named.split(" ", 1)[1]
-    layout = {
-        "xaxis": {"title": on},
-        "yaxis": {"title": f"{what}, {unit}", "zeroline": True, "zerolinecolor": "@soft"},
-        "margin": {"l": 8, "r": 8, "t": 10, "b": 8},
-    }
-    laws = curves(result, unknown, factor)
-    if laws:
-        line |= {"showlegend": True, "name": "table"}
-    return Figure([band, line, *laws], layout, f"The {what} that no effect explains over {on}", 330)
 
 
 def limits_figure(result: Diagnosis) -> Figure:

@@ -10,12 +10,13 @@ import numpy as np
 
 from ..comparison.result import rms
 from ..diagnosis.result import Diagnosis, Limit, Rival
-from .diagnosis_figures import limit_size, limits_figure, matters, share, step_name, steps_figure, unknown_figure
+from .diagnosis_figures import limit_size, limits_figure, matters, share, step_name, steps_figure
 from .diagnosis_words import (
     declared,
     finite,
     full,
     full_symbol,
+    is_stand_in,
     most,
     not_on,
     of_sensor,
@@ -28,10 +29,15 @@ from .diagnosis_words import (
 from .explorer import Opening, RunTraces, Trace, explorer
 from .law_section import law_section
 from .page import Figure, Page, bullets, folded, joined, markup, table
+from .unknown_figures import surface_figure, unknown_figure, usually
 from .words import counted, effect_name, in_channel, listed, number, ratio, sized, title
 
 TONES = {"adequate": "good", "missing_effect": "bad", "unknown_effect": "warn"}
 LAWS_DRAWN = ", and the laws nearest to it refitted in its place"
+TICKS = "Ticks at the bottom: where runs have been."
+SURFACE = (
+    "The table times its factor over both variables. Dots are where runs have been; elsewhere the surface is a guess."
+)
 #: Rivals shown of each round; the rest is folded away.
 SHOWN = 8
 
@@ -51,6 +57,8 @@ def diagnosis_report(result: Diagnosis, sentence: str = "", notes: Sequence[str]
     page.picture(_picture(page, result))
     if result.laws is not None:
         page.section("A law for it" if result.laws.proposed else "No law for it", law_section(result))
+    if result.unknown is not None and result.unknown.factor is not None and len(result.unknown.at):
+        page.section("Over both variables", page.figure(surface_figure(result.unknown), SURFACE))
     if result.indistinguishable or result.next_experiment:
         page.section("Still open", _open(result))
     if result.limits and result.verdict == "adequate":
@@ -109,7 +117,8 @@ def _picture(page: Page, result: Diagnosis) -> str:
     if result.unknown is not None and len(result.unknown.at):
         return page.figure(
             unknown_figure(result),
-            f"The missing force, as the data show it, with its 95 % band{LAWS_DRAWN if result.laws else ''}.",
+            f"The missing force{usually(result.unknown)}, as the data show it, with its 95 % band"
+            f"{LAWS_DRAWN if result.laws else ''}. {TICKS if len(result.unknown.seen) else ''}",
         )
     if len(result.steps) > 1:
         return page.figure(steps_figure(result), "Each step adds one effect and refits everything. 1 is noise alone.")
@@ -155,6 +164,13 @@ def _switches(result: Diagnosis) -> list[str]:
     return [e for e in result.effects if e in named] + sorted(named - set(result.effects))
 
 
+def _either(result: Diagnosis) -> tuple[tuple[str, str], ...]:
+    """The best law and the table that it stands in the place of."""
+    table = next((n for n in _switches(result) if is_stand_in(n)), None)
+    law = next((n for n in _switches(result) if n.startswith("proposed_") and n not in result.effects), None)
+    return ((law, table),) if law and table else ()
+
+
 def _error(result: Diagnosis, measured: np.ndarray, predicted: np.ndarray, channel: str) -> float:
     """What the bars beside a trace show: its RMS error over noise."""
     return rms((np.asarray(measured) - predicted) / result.noise[channel])
@@ -176,7 +192,7 @@ def _try_it(page: Page, result: Diagnosis) -> str:
     start = max(gain, key=lambda k: gain[k]) if gain else None
     words = ("without any effect", "with the effects chosen") if len(variants) > 1 else ("by this model", "")
     well = result.verdict == "adequate" and len(variants) == 1
-    html = explorer(page, runs, result.noise, _switches(result), variants, Opening(start, words, well))
+    html = explorer(page, runs, result.noise, _switches(result), variants, Opening(start, words, well, _either(result)))
     if len(variants) == 1:
         return html
     return markup(

@@ -44,11 +44,13 @@ class RunTraces:
 class Opening:
     """How the explorer opens: the run and channel shown first, and the names of the first variant and the chosen one.
 
-    ``well`` says that the first variant fits; then it is not drawn in the colour of an alarm."""
+    ``well`` says that the first variant fits; then it is not drawn in the colour of an alarm. ``either``: pairs of
+    effects that stand in each other's place, the one that is on at first before the other."""
 
     start: tuple[str, str] | None = None
     words: tuple[str, str] = ("this model", "with the effects chosen")
     well: bool = False
+    either: tuple[tuple[str, str], ...] = ()
 
 
 def explorer(
@@ -74,6 +76,7 @@ def explorer(
             },
             "effects": list(effects),
             "variants": [sum(1 << list(effects).index(e) for e in v) for v in variants],
+            "either": [[list(effects).index(e) for e in pair] for pair in opening.either],
             "words": list(opening.words),
             "colour": "@after" if opening.well else "@before",
             "start": dict(zip(("run", "channel"), opening.start or (runs[0].name, channels[0]), strict=True)),
@@ -82,7 +85,9 @@ def explorer(
     thinned = max((len(t.times) for r in runs for t in r.traces.values()), default=0) > MOST
     named = [(c, title(c)) for c in channels]
     banded = any(t.band is not None for r in runs for t in r.traces.values())
-    return parts.explorer(runs, named, [effect_name(e) for e in effects], thinned, banded, 110 + 34 * len(channels))
+    off = {other for _, other in opening.either}
+    boxes = [(effect_name(e), e not in off) for e in effects]
+    return parts.explorer(runs, named, boxes, thinned, banded, 110 + 34 * len(channels))
 
 
 def _trace(channel: str, trace: Trace) -> dict[str, object]:

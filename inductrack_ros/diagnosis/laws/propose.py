@@ -68,7 +68,7 @@ def propose_laws(task: Task, state: State, unknown: Unknown | None, sigma: np.nd
     proposed = (first, *(f[2] for f in holding[1:]))
     code = module_text([_documented(w, law) for (_, w, _), law in zip(holding, proposed, strict=True)], HEADER)
     settles = _settles([f[1] for f in holding], [f[0] for f in holding])
-    return Laws(len(screened), proposed, None, settles, _model_with(best[0], name, first), code)
+    return Laws(len(screened), proposed, None, settles, _model_with(best[0], name, first), code, best[0])
 
 
 HEADER = """Laws proposed by a diagnosis for a force that no known effect explains. PROPOSED: they describe these data; nobody has shown that they

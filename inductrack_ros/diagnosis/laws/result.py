@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...core.model import Model
+from ...estimation.shooting import Fit
 from .code import FILE
 
 #: The model with the best law, beside ``model.yaml``, which has the table.
@@ -57,7 +58,7 @@ class Laws:
     speaks against it.
 
     ``tried``: how many forms were compared; ``model``: with the best law in the table's place; ``code``: the text of
-        `FILE`."""
+        `FILE`; ``fit``: the best law's fit."""
 
     tried: int
     proposed: tuple[ProposedLaw, ...] = ()
@@ -65,6 +66,7 @@ class Laws:
     settles: str = ""
     model: Model | None = field(default=None, repr=False)
     code: str = field(default="", repr=False)
+    fit: Fit | None = field(default=None, repr=False)
 
     @property
     def sentence(self) -> str:

@@ -93,6 +93,12 @@
 
   runChoice.value = String(Math.max(0, data.runs.findIndex((r) => r.name === data.start.run)));
   channelChoice.value = data.start.channel;
-  byId("explorer-controls").addEventListener("change", show);
+  byId("explorer-controls").addEventListener("change", (event) => {
+    // Of two effects that stand in each other's place only one is on.
+    const chosen = boxes.indexOf(event.target);
+    const others = data.either.filter((pair) => pair.includes(chosen)).flat().filter((k) => k !== chosen);
+    if (event.target.checked) others.forEach((k) => { boxes[k].checked = false; });
+    show();
+  });
   show();
 })();
