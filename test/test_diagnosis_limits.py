@@ -77,7 +77,7 @@ def test_the_proposed_run_stays_within_them(question, monkeypatch):
     monkeypatch.setattr(experiment, "ENOUGH", 1e9)  # the whole menu is tried
     # The longest and fastest.
     monkeypatch.setattr(
-        experiment, "_separation", lambda single, start, rival, undetermined: float(len(single.runs[0].y) + start[4])
+        experiment, "_separation", lambda made, starts, rival, undetermined: float(len(made.runs[0].y) + starts[0][4])
     )
     _, _, free = proposed(question, Limits())
     assert not limits.allow("surge_rate", free.speed)
@@ -98,7 +98,7 @@ def test_the_proposed_run_stays_within_them(question, monkeypatch):
 
 def test_contact_only_where_it_is_asked_for(question, monkeypatch):
     # The slowest: it lands.
-    monkeypatch.setattr(experiment, "_separation", lambda single, start, rival, undetermined: 1.0 / start[4])
+    monkeypatch.setattr(experiment, "_separation", lambda made, starts, rival, undetermined: 1.0 / starts[0][4])
     ranges = {"surge_rate": (0.0, 24.0), "drive_current": (0.0, 1000.0)}
     monkeypatch.setattr(
         experiment, "menu", lambda limits, name, usual: (12.0, 24.0) if name == "surge_rate" else (0.0,)

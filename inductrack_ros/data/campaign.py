@@ -34,6 +34,7 @@ from .campaign_keys import (
     read_model,
     read_name,
     read_noise_std,
+    read_sharpen,
     read_topics,
     shown,
 )
@@ -55,6 +56,7 @@ class Campaign:
     dof: what moves: 1, 2, 4 or names of coordinates, or None where the campaign leaves that to the model
     remarks: what is to be said of the campaign as a whole, one line each
     limits: what a run of the rig may not leave
+    sharpen: the parameter that the next run is to determine better, or None
     """
 
     name: str
@@ -66,6 +68,7 @@ class Campaign:
     dof: int | tuple[str, ...] | None = None
     remarks: tuple[str, ...] = ()
     limits: Limits = field(default_factory=Limits)
+    sharpen: str | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -153,6 +156,7 @@ def load_campaign(folder: str | Path, gravity: float = frames.GRAVITY) -> Campai
         dof=read_dof(mapping),
         remarks=tuple(_unused(runs, noise_std, reading) + _alike(runs)),
         limits=read_limits(mapping),
+        sharpen=read_sharpen(mapping),
     )
 
 

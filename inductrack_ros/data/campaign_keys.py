@@ -60,6 +60,11 @@ KEYS = {
         "none; with any, `contact` is false",
         "what a run of the rig may not leave: the run that a diagnosis proposes stays within it from start to end",
     ),
+    "sharpen": Key(
+        "parameter, e.g. `aerodynamic_drag.drag_area`",
+        "none",
+        "where a diagnosis leaves nothing open it proposes the run, off the track, that determines this parameter best",
+    ),
 }
 RUN_KEYS = {
     "file": Key("file or folder, from the campaign's folder", "needed", "a CSV, a rosbag2 folder, or one of its files"),
@@ -198,6 +203,15 @@ def read_free(mapping: Section) -> tuple[str, ...]:
     if unknown := [n for n in names if "." not in n and n not in PARAMETERS]:
         raise mapping.error("free", f"free: unknown parameter '{unknown[0]}'{did_you_mean(unknown[0], PARAMETERS)}")
     return tuple(names)
+
+
+def read_sharpen(mapping: Section) -> str | None:
+    name = mapping.get("sharpen")
+    if name is not None and not isinstance(name, str):
+        raise mapping.error("sharpen", f"sharpen must be a parameter's name, e.g. gamma, not {shown(name)}")
+    if name is not None and "." not in name and name not in PARAMETERS:
+        raise mapping.error("sharpen", f"sharpen: unknown parameter '{name}'{did_you_mean(name, PARAMETERS)}")
+    return name
 
 
 def read_dof(mapping: Section) -> int | tuple[str, ...] | None:

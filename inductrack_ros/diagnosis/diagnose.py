@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..checks import Finding, admit, set_aside
-from ..core.errors import InputError
+from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
 from ..data.campaign import Campaign
 from ..estimation import noise, shooting
@@ -25,8 +25,9 @@ from .findings import SHAKEN, findings, hidden_by
 from .known import uncertainty_of
 from .laws.propose import propose_laws
 from .moves import State, Task
-from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis
+from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Proposal
 from .settings import FIRST_STEPS, UNDETERMINED
+from .sharpen import sharpen
 from .spikes import outlying
 from .strategy import add_background, search
 
@@ -91,6 +92,9 @@ def diagnosis_of(
         experiment, proposal = propose(
             problem, task.workers.map, f, state.rival_fits, state.twins, unknown, undetermined
         )
+    elif campaign.sharpen:
+        experiment, proposal, more = sharpened(campaign.sharpen, task, f)
+        notes += more
     found = findings(task, state)
     if swallowing := hidden_by(found):
         notes.append(f"{swallowing} can hide effects too: what would have shown is listed with that reckoned in")
@@ -127,6 +131,18 @@ def diagnosis_of(
         uncertainty=uncertainty_of(f),
         laws=laws,
     )
+
+
+def sharpened(name: str, task: Task, f: Fit) -> tuple[str | None, Proposal | None, list[str]]:
+    """The run that would determine a parameter better, as the campaign asks; what is to be said where there is none."""
+    if name not in f.structure.free:
+        known = did_you_mean(name, [n for n in f.structure.free if "values[" not in n])
+        return None, None, [f"sharpen: '{name}' is not among the fitted parameters{known}"]
+    task.tell(f"which run would determine {name} better")
+    proposal = sharpen(task.problem, task.workers.map, f, name)
+    if proposal is None:
+        return None, None, [f"sharpen: no run within the campaign's limits would tell of {name}"]
+    return f"{proposal[0]}{' (if nothing shook the cradle)' if f.power.any() else ''}", proposal[1], []
 
 
 def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> tuple[Problem, Fit, tuple[str, ...]]:

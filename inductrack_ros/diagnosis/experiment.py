@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The run that would settle what is open: T-optimal design over a menu (Atkinson and Fedorov).
+"""The run, or the two, that would settle what is open: T-optimal design over a menu (Atkinson and Fedorov).
 
 For each run of the menu the truth is taken to be the chosen model. Each rival gets its best chance: the run's initial
 state and the rival's parameters are refitted within what is known of them. The difference that remains is its
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,10 @@ DURATIONS = (1.0, 3.0)
 #: A rig with limits may have to end a run sooner.
 SHORT = (0.3,)
 RATE = 250.0
+#: A run that sets every rival apart by so many sigmas settles the question.
+SETTLED = 3.0
+#: Runs of which pairs are looked at: those that tell the most alone.
+PAIRED = 5
 #: Runs that set every rival apart by so many sigmas will do; no wilder ones are looked at then.
 ENOUGH = 8.0
 
@@ -55,13 +59,18 @@ def propose(
 
     def tried(run: tuple) -> Proposal | None:
         speed, current, offsets, duration, contact = run
-        if (made := _made(problem, chosen.model, speed, current, offsets, duration, contact)) is None:
+        if (made := made_run(problem, chosen.model, speed, current, offsets, duration, contact)) is None:
             return None
         return Proposal(
-            speed, current, offsets, duration, {n: _separation(*made, f, undetermined) for n, f in rivals.items()}
+            speed,
+            current,
+            offsets,
+            duration,
+            {n: _separation(made[0], [made[1]], f, undetermined) for n, f in rivals.items()},
         )
 
     best, most = None, 0.0
+    tried_all: list[Proposal] = []
     limits = problem.limits
     speeds, currents = menu(limits, "surge_rate", SPEEDS), menu(limits, "drive_current", CURRENTS)
     durations = (*SHORT, *DURATIONS) if limits.ranges else DURATIONS
@@ -71,6 +80,7 @@ def propose(
     ):
         found = at_once(tried, [(speed, current, offsets, duration, contact) for speed in speeds])
         for proposal in [p for p in found if p is not None]:
+            tried_all.append(proposal)
             if (apart := min(proposal.sigmas.values())) > most:
                 best, most = proposal, apart
         if most > ENOUGH:
@@ -78,12 +88,49 @@ def propose(
     if best is None:
         return ("no run within the campaign's limits sets apart what is open" if limits.ranges else None), None
     gains = ", ".join(f"{n} by {s:.1f} sigmas" for n, s in best.sigmas.items())
-    if min(best.sigmas.values()) < 3.0:
+    if min(best.sigmas.values()) < SETTLED and (two := pair(problem, at_once, chosen, rivals, tried_all, undetermined)):
+        gains = ", ".join(f"{n} by {s:.1f} sigmas" for n, s in two.sigmas.items())
+        return f"no single run settles it, two do: {two.words}: together they set apart {gains}", two
+    if min(best.sigmas.values()) < SETTLED:
         return (
             f"no single run of this kind settles it; the best ({best.words}) sets apart {gains}. {_other_means(twins)}",
             best,
         )
     return f"{best.words}: sets apart {gains}", best
+
+
+def pair(
+    problem: Problem,
+    at_once: Callable[[Callable, Sequence], list],
+    chosen: Fit,
+    rivals: Mapping[str, Fit],
+    tried: Sequence[Proposal],
+    undetermined: Sequence[str],
+) -> Proposal | None:
+    """Two of the runs that together set every rival apart by `SETTLED` sigmas; None where none of those looked at do.
+
+    A rival that is fitted to both at once has one set of parameters for them, so it is at least as far off as the two
+    separations say together, √(a² + b²), and further where the runs pull at different parameters."""
+    told = sorted(tried, key=lambda p: -sum(s**2 for s in p.sigmas.values()))[:PAIRED]
+
+    def together(both: tuple[Proposal, Proposal]) -> Proposal | None:
+        runs = [
+            made_run(problem, chosen.model, p.speed, p.current, p.offsets, p.duration, contact)
+            for p in both
+            for contact in ((False, True) if problem.limits.contact else (False,))
+        ]
+        found = [made for made in runs if made is not None]
+        if len(found) != 2:
+            return None
+        joint = problem.subset([0])
+        joint.runs, joint.variances = tuple(single.runs[0] for single, _ in found), ()
+        starts = [start for _, start in found]
+        sigmas = {n: _separation(joint, starts, f, undetermined) for n, f in rivals.items()}
+        return replace(both[0], sigmas=sigmas, second=replace(both[1], sigmas={}))
+
+    found = [p for p in at_once(together, list(combinations(told, 2))) if p is not None]
+    best = max(found, key=lambda p: min(p.sigmas.values()), default=None)
+    return best if best is not None and min(best.sigmas.values()) >= SETTLED else None
 
 
 def menu(limits: Limits, name: str, usual: Sequence[float]) -> tuple[float, ...]:
@@ -94,7 +141,7 @@ def menu(limits: Limits, name: str, usual: Sequence[float]) -> tuple[float, ...]
     return tuple(min(max(float(f"{v:.3g}"), low), high) for v in np.linspace(low, high, len(usual)))
 
 
-def _made(
+def made_run(
     problem: Problem, model: Model, speed, current, offsets, duration, contact: bool
 ) -> tuple[Problem, np.ndarray] | None:
     """A run of the menu as the chosen model has it, and its exact start; None where it is not to be had with (without)
@@ -117,6 +164,7 @@ def _made(
     if not all(problem.limits.allow(s, made[s]) for s in STATES):
         return None
     single = problem.subset([0])
+    single.variances = ()
     # As in the runs so far.
     given = {s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)}
     run = Run("proposal", Path("proposal"), problem.channels, times, values, times, current, given, pulses)
@@ -126,18 +174,18 @@ def _made(
     return single, exact
 
 
-def _separation(single: Problem, start: np.ndarray, rival: Fit, undetermined: Sequence[str]) -> float:
-    """√χ² that a rival is left with on a run, after refitting the initial state and, as far as the runs so far leave
-    room, its parameters."""
+def _separation(made: Problem, starts: Sequence[np.ndarray], rival: Fit, undetermined: Sequence[str]) -> float:
+    """√χ² that a rival is left with on the runs made, after refitting their initial states and, as far as the runs so
+    far leave room, its parameters."""
     prior = rival.structure.knowing(rival.theta, rival.covariance, undetermined)
     theta = prior.centre
 
     def left(g: deterministic.Fit) -> float:
         return float(np.sqrt(max(g.chi2 + prior.surprise(g.theta), 0.0)))
 
-    near = left(deterministic.fit(single, prior, [start], theta, iterations=10, tolerance=0.1))
+    near = left(deterministic.fit(made, prior, starts, theta, iterations=10, tolerance=0.1))
     # It may only have been stuck.
-    return near if near < ENOUGH else min(near, left(deterministic.fit_from_scratch(single, prior, theta)))
+    return near if near < ENOUGH else min(near, left(deterministic.fit_from_scratch(made, prior, theta)))
 
 
 def _read(problem: Problem, model, start: np.ndarray) -> np.ndarray:

@@ -132,25 +132,33 @@ class Unknown:
 @dataclass(frozen=True)
 class Proposal:
     """A run to make next: speed (m/s), drive current (A), offsets of heave, sway (m) and roll (rad) at the start,
-    duration (s), and by how many sigmas each rival would miss it."""
+    duration (s), and by how many sigmas each rival would miss it.
+
+    ``std_after`` are standard deviations that parameters would have then, SI. A ``second`` run is to be made too; what
+    is told is told by both together."""
 
     speed: float
     current: float
     offsets: tuple[float, float, float]
     duration: float
     sigmas: Mapping[str, float]
+    std_after: Mapping[str, float] = field(default_factory=dict)
+    second: Proposal | None = None
 
     def to_json(self) -> dict[str, object]:
         """The run in numbers, SI."""
         heave, sway, roll = self.offsets
-        return {
+        numbers: dict[str, object] = {
             "surge_rate": self.speed, "drive_current": self.current, "heave_offset": heave, "sway": sway, "roll": roll,
             "duration": self.duration, "separation": dict(self.sigmas),
         }  # fmt: skip
+        if self.std_after:
+            numbers["std_after"] = dict(self.std_after)
+        return numbers | ({"second": self.second.to_json()} if self.second else {})
 
     @property
     def words(self) -> str:
-        """The run in words."""
+        """The run, or both, in words."""
         drive = f"driven at {self.current:.0f} A" if self.current else "coasting"
         heave, sway, roll = self.offsets
         start = (
@@ -159,7 +167,8 @@ class Proposal:
             if any(self.offsets)
             else ""
         )
-        return f"start at {self.speed:g} m/s {drive}{start}, for {self.duration:g} s"
+        own = f"start at {self.speed:g} m/s {drive}{start}, for {self.duration:g} s"
+        return f"{own}, and {self.second.words}" if self.second else own
 
 
 @dataclass(frozen=True)
