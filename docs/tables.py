@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 from inductrack_ros.core import effects_table
+from inductrack_ros.data import campaign_keys
 from inductrack_ros.nodes import interface_tables
 from inductrack_ros.nodes.domain import claim_domain
 
@@ -25,4 +26,5 @@ def put(page: str, name: str, text: str) -> None:
 if __name__ == "__main__":
     claim_domain()  # before rclpy reads the environment: the nodes that are asked are nobody's business
     put("effects.md", "effects table", effects_table.text())
+    put("campaigns.md", "keys", campaign_keys.table())
     put("interfaces.md", "interface tables", interface_tables.text())
