@@ -19,6 +19,8 @@ from inductrack_ros.data import read_bag
 pytestmark = pytest.mark.alone
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+CHAPTERS = re.split(r"^(?=## )", TEXT, flags=re.MULTILINE)
+INSTALL, UNKNOWN = (next(c for c in CHAPTERS if c.startswith(f"## {n}. ")) for n in (1, 8))
 #: The installation is that of the tests; what the Makefile would do is looked at only.
 PRELUDE = """
 make() { command make --dry-run "$@"; }
@@ -68,9 +70,10 @@ class Shell:
         self._bash.wait(60)
 
 
-def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
-    blocks = re.findall(r"```(sh|text)\n(.*?)```", TEXT, re.DOTALL)
-    shell, begin = Shell(tmp_path), 0
+def typed(home: Path, chapters: list[str]) -> str:
+    """Type the chapters into one shell and wait for all that they promise; what it said."""
+    blocks = [b for chapter in chapters for b in re.findall(r"```(sh|text)\n(.*?)```", chapter, re.DOTALL)]
+    shell, begin = Shell(home), 0
     try:
         for kind, block in blocks:
             if kind == "sh":
@@ -80,6 +83,11 @@ def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
     finally:
         shell.close()
     assert "Traceback" not in shell.said and "command not found" not in shell.said, shell.said
+    return shell.said
+
+
+def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
+    typed(tmp_path, [c for c in CHAPTERS if c != UNKNOWN])
     bags = list((tmp_path / "tutorial/rig").glob("driven_*"))
     # Simulated, however busy the machine is.
     assert len(bags) == 3 and min(read_bag(bag).times[-1] for bag in bags) > 1.59
@@ -92,6 +100,23 @@ def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
     assert {"compare", "diagnose", "after", "mine"} == {
         p.parent.name for p in (tmp_path / "tutorial/report").glob("*/report.html")
     }
+
+
+@pytest.mark.nightly
+def test_an_unknown_force_becomes_a_law_and_the_monitor_goes_quiet(tmp_path):
+    """The last chapter, by itself: the law that is proposed is the force that the rig hides."""
+    typed(tmp_path, [INSTALL, UNKNOWN])
+    report = tmp_path / "tutorial/report"
+    found = json.loads((report / "strange/diagnosis.json").read_text())
+    assert found["verdict"] == "unknown_effect" and found["unknown"]["channel"] == "heave"
+    law = next(x for x in found["laws"] if x["name"] == "proposed_bump_heave_on_surge")["parameters"]
+    force, place, width = (
+        float(re.search(p, UNKNOWN)[1]) for p in (r"{force: ([\d.]+)}", r"surge - ([\d.]+)", r"/ ([\d.]+)\)")
+    )
+    for name, true in (("force", -force), ("place", place), ("width", width)):
+        assert abs(law[name]["value"] - true) < 5 * law[name]["std"] < 0.5 * abs(true), name
+    added = json.loads((report / "law/diagnosis.json").read_text())
+    assert added["effects"] == ["proposed_bump_heave_on_surge"] and round(added["steps"][-1]["reduced_chi2"]) == 1
 
 
 def test_links_lead_to_files():

@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
+import traceback
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,7 +72,7 @@ def answer(seed: int, asked: Asked) -> dict:
         try:
             found = diagnose(campaign, model, budget=asked.budget)
         except Exception as error:  # a crash is a wrong answer with a reason, not the end of the benchmark
-            row |= {"verdict": f"{type(error).__name__}: {error}", "right": False}
+            row |= {"verdict": f"{type(error).__name__}: {error} ({_where(error)})", "right": False}
             return row | {"seconds": time.perf_counter() - began, "cpu": time.process_time() - used}
         row |= {"seconds": time.perf_counter() - began, "cpu": time.process_time() - used}
         row |= judge(truth, found) | _of_answer(truth, found)
@@ -81,6 +82,13 @@ def answer(seed: int, asked: Asked) -> dict:
         if asked.perturb:
             row["same"] = agrees(campaign, model, found, seed)
         return row
+
+
+def _where(error: Exception) -> str:
+    """The last line of this package that a crash went through."""
+    frames = traceback.extract_tb(error.__traceback__)
+    mine = [f for f in frames if "/inductrack_ros/" in f.filename] or frames
+    return f"{mine[-1].filename.rpartition('/inductrack_ros/')[2]}:{mine[-1].lineno}"
 
 
 def _of_truth(seed: int, truth: dict, campaign: Campaign) -> dict:
