@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 from blind import law_table, loop
 from blind.judge import judge_findings
-from blind.judge_law import judge_law
+from blind.judge_law import NOTHING, judge_law
 from blind.last_bits import CHANGE, changed
 from independent.campaigns import write_campaign
 
@@ -103,5 +103,7 @@ def test_a_law_is_judged_by_its_form_its_variables_and_its_parameters(tmp_path):
     }
     assert judge_law(sine, found, heldout, 3.0)["false"]
     assert not judge_law(sine, SimpleNamespace(unknown=found.unknown, laws=None), heldout, 3.0)["false"]
+    crashed = judge_law(truth, NOTHING, heldout, 3.0)
+    assert not (crashed["coordinate"] or crashed["in_set"] or crashed["false"] or crashed["errors"])
     head, _, line, *_ = law_table.laws([{"verdict": "unknown_effect", "law": t} for t in (told, wrong)], [])
     assert "2 of 2" in line.split(" | ")[-1] and head.count("|") == line.count("|")

@@ -20,7 +20,7 @@ from inductrack_ros.diagnosis.diagnose import diagnose
 
 from . import loop
 from .judge import heldout_error, judge, judge_findings, off
-from .judge_law import judge_law, law_line
+from .judge_law import NOTHING, hidden_law, judge_law, law_line
 from .last_bits import agrees
 
 #: All that can be drawn.
@@ -67,6 +67,8 @@ def answer(seed: int, asked: Asked) -> dict:
         row = _of_truth(seed, truth, campaign)
         if asked.peers:
             row["peers"] = ask_peers(campaign, truth)
+        if hidden_law(truth):  # a diagnosis that crashes has found nothing
+            row["law"] = judge_law(truth, NOTHING, Path(f"{folder}.heldout"), np.nan)
         model = Model.load(campaign.model) if campaign.model else Model.default()
         began, used = time.perf_counter(), time.process_time()
         try:
@@ -77,7 +79,7 @@ def answer(seed: int, asked: Asked) -> dict:
         row |= {"seconds": time.perf_counter() - began, "cpu": time.process_time() - used}
         row |= judge(truth, found) | _of_answer(truth, found)
         row["error"] = heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"])
-        if any("law" in u for u in truth.get("unknown", [])):
+        if hidden_law(truth):
             row["law"] = judge_law(truth, found, Path(f"{folder}.heldout"), row["error"])
         if asked.perturb:
             row["same"] = agrees(campaign, model, found, seed)
@@ -114,7 +116,7 @@ def _of_truth(seed: int, truth: dict, campaign: Campaign) -> dict:
 def _not_imitated(truth: dict) -> list[float]:
     """What the nearest known effect leaves of a law that is hidden."""
     left = [c["imitations"].values() for c in truth.get("clarity", {}).values() if "imitations" in c]
-    return [min(x) for x in left if x] if any("law" in u for u in truth.get("unknown", [])) else []
+    return [min(x) for x in left if x] if hidden_law(truth) else []
 
 
 def _of_answer(truth: dict, found) -> dict:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.diagnosis.factor import Factor
@@ -16,6 +17,8 @@ from inductrack_ros.diagnosis.laws.structure import laid
 
 from .judge import heldout_error
 
+#: A diagnosis that found nothing at all, for one that crashed.
+NOTHING = SimpleNamespace(unknown=None, laws=None)
 #: Half of a 95 % interval, in standard deviations.
 INTERVAL = 1.96
 
@@ -26,7 +29,7 @@ def judge_law(truth: dict, found, heldout: Path, error_with_table: float) -> dic
     ``variables``: coordinate and all variables right; ``proposed``: names of the laws; ``in_set``: the true one is
     among them; ``false``: laws are proposed and it is not; ``off``: how many standard deviations each of its
     parameters is off; ``errors`` on unseen runs over noise, with the table and with the first law."""
-    hidden = next(u for u in truth["unknown"] if "law" in u)
+    hidden = hidden_law(truth)
     said = found.unknown
     proposed = () if found.laws is None else found.laws.proposed
     names = law_names(hidden)
@@ -47,6 +50,11 @@ def judge_law(truth: dict, found, heldout: Path, error_with_table: float) -> dic
         "off": _off(mine, hidden["law"]["parameters"]) if mine is not None and mine.name == names[0] else {},
         "errors": errors,
     }
+
+
+def hidden_law(truth: dict) -> dict | None:
+    """The unknown force of a truth that follows a drawn law; None where there is none."""
+    return next((u for u in truth.get("unknown", []) if "law" in u), None)
 
 
 def law_names(hidden: dict) -> list[str]:
