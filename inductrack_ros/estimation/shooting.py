@@ -131,15 +131,14 @@ def exactly(
     point = replace(point, processes=tuple(p for p in point.processes if p.kind != IMPACT), exact=True)
     whole = whole or end_to_end.fit(problem, structure, [path[0, :8] for path in point.paths], point.theta, FLOWN_STEPS)
 
-    def from_flown() -> Fit:
-        paths = tuple(problem.for_runs(lambda i: flown(problem, structure, i, whole.theta, whole.states[i])))
-        power = np.full(4, QUIET) * problem.model.moving
-        return _descended(problem, structure, replace(point, theta=whole.theta, paths=paths, power=power), steps)
-
+    paths = tuple(problem.for_runs(lambda i: flown(problem, structure, i, whole.theta, whole.states[i])))
+    as_flown = replace(point, theta=whole.theta, paths=paths, power=np.full(4, QUIET) * problem.model.moving)
     if whole.leaves_noise:
-        return from_flown()
+        return _flown_on(problem, structure, as_flown, steps)
     f = _descended(problem, structure, point, steps)
-    return min(f, from_flown(), key=lambda x: x.deviance) if whole.chi2 < f.deviance else f
+    if whole.chi2 > f.deviance:
+        return f
+    return min(f, _descended(problem, structure, as_flown, steps), key=lambda x: x.deviance)
 
 
 def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -153,6 +152,56 @@ def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, sta
     for k in range(len(path) - 1):
         path[k + 1] = next_state(problem, model, i, P, path, k)
     return path
+
+
+def _flown_on(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
+    """A fit from trajectories that are flown and leave nothing but noise: a step moves theta and the initial states, and
+    the runs are flown anew (condensing). Nothing shakes the rig, so nodes of their own gain nothing, and a stiff contact
+    makes much of each."""
+    best: tuple[Point, Settled, tuple[np.ndarray, ...]] | None = None
+    converged = False
+    for _ in range(steps):
+        plain = linearise_all(problem, point, structure)
+        settled = settle(problem, structure, plain, point, FLOWN_STEPS)
+        converged = best is not None and settled.evidence.deviance > best[1].evidence.deviance - TOLERANCE
+        if best is None or settled.evidence.deviance < best[1].evidence.deviance:
+            best = point, settled, tuple(s.touching for s in plain)
+        if converged:
+            break
+        there = _reflown(problem, structure, point, settled)
+        point = replace(there, power=settled.next_power, processes=settled.next_processes)
+    assert best is not None  # there is one step at least
+    here, settled, touching = best
+    evidence = settled.evidence
+    return Fit(
+        structure, here.theta, here.paths, settled.power, evidence.deviance, evidence.chi2, evidence.covariance,
+        converged, settled.processes, here.exact, touching,
+    )  # fmt: skip
+
+
+def _reflown(problem: Problem, structure: Structure, point: Point, settled: Settled) -> Point:
+    """The point a step of theta and of the initial states further, all runs flown from there; shortened where they would
+    fare worse for it."""
+    own = structure.model.active_states < 8
+    at = structure.model.active_states[own]
+
+    def costs(i: int, theta: np.ndarray, path: np.ndarray) -> float:
+        none = np.zeros(len(problem.runs[i].y)), np.zeros_like(path)
+        left = misses(problem, structure, i, theta, path, none)
+        return float(np.nansum(left.readings**2 / settled.systems[i].variance))
+
+    def anew(i: int, theta: np.ndarray, share: float) -> np.ndarray:
+        state = point.paths[i][0, :8].copy()
+        state[at] += share * settled.smooth[i].deviations[0, : len(own)][own]
+        return flown(problem, structure, i, theta, state)
+
+    aim = sum(problem.for_runs(lambda i: costs(i, point.theta, point.paths[i])))
+    for share in 0.5 ** np.arange(HALVINGS):
+        theta = point.theta + share * settled.evidence.step
+        paths = tuple(problem.for_runs(lambda i, t=theta, s=share: anew(i, t, s)))
+        if sum(problem.for_runs(lambda i, t=theta, p=paths: costs(i, t, p[i]))) < aim:
+            return replace(point, theta=theta, paths=paths)
+    return point
 
 
 def _descended(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
