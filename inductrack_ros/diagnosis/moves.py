@@ -344,6 +344,9 @@ def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
     alike = sorted(near, key=lambda s: abs(s.deviance - promised))[:REFITTED]
     near = near[:REFITTED] + [s for s in alike if s not in near[:REFITTED]]
     tried = all_refitted(task, smaller, near, screening.family)
-    close = [settled(task, t) if t.fit.deviance < state.fit.deviance + TWINS * 3 else t for t in tried]
+    close = [
+        settled(task, t) if min(t.fit.deviance - state.fit.deviance, s.deviance - promised) < TWINS * 3 else t
+        for t, s in zip(tried, near, strict=True)
+    ]
     rounds = tuple((beside, screening if beside == smaller.added else old) for beside, old in state.rounds)
     return replace(state, rounds=rounds), sorted(close, key=lambda s: s.cost(task))

@@ -104,8 +104,8 @@ def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structu
 
 @dataclass(frozen=True)
 class Settled:
-    """Linear runs with the disturbances that suit them: their power (4,) and processes, what the data say there, and
-    where they lead."""
+    """Linear runs with the disturbances that suit them: their power (4,) and processes, what the data say there, where
+    they lead, and by how much other variances would lower the deviance (``to_gain``)."""
 
     power: np.ndarray
     processes: tuple[Process, ...]
@@ -114,6 +114,7 @@ class Settled:
     smooth: tuple[Smoothed, ...]
     next_power: np.ndarray
     next_processes: tuple[Process, ...]
+    to_gain: float
 
 
 def settle(
@@ -132,29 +133,38 @@ def settle(
         evidence = weigh(problem, structure, systems, point.theta, power)
         smooth = tuple(problem.for_runs(lambda i, s=systems, e=evidence: run_smoother(s[i], e.filtered[i], e.step)))
         here = np.concatenate([power, variances(processes)])
-        ratio = variance_ratio(problem, processes, smooth, n_states)
+        found, expected = shown(problem, processes, power, smooth, n_states)
+        ratio = np.clip(np.log(found) - np.log(expected), -50.0, 50.0)
         there = likelier(here, ratio, before)
         next_power = np.where(moving, np.clip(there[:4], NO_POWER, ROUGHEST), NO_POWER)
         next_processes = resized(processes, there[4:])
         if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
             break
         power, processes, before, last = next_power, next_processes, (here, ratio), evidence.deviance
-    return Settled(power, processes, systems, evidence, smooth, next_power, next_processes)
+    active = np.concatenate([moving, np.ones(len(processes), bool)])
+    gain = to_gain(found[active], expected[active])
+    return Settled(power, processes, systems, evidence, smooth, next_power, next_processes, gain)
 
 
-def variance_ratio(
-    problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int
+def shown(
+    problem: Problem, processes: Sequence[Process], power: np.ndarray, smooth: Sequence[Smoothed], n_states: int
 ) -> np.ndarray:
-    """Log of what the data show of each disturbance and process over what its variance would make them show, (4 + p,);
-    0 at the likeliest."""
-    found, expected = (np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected"))
+    """What the data show of each disturbance and process, and what its variance would make them show, (2, 4 + p); equal
+    at the likeliest. The second is how many of its values the data tell."""
+    of_power = np.array([np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected")]) * power
     of_processes = told(problem, processes, smooth, n_states)
-    found, expected = np.concatenate([found, of_processes[0]]), np.concatenate([expected, of_processes[1]])
-    return np.clip(np.log(np.maximum(found, 1e-300)) - np.log(np.maximum(expected, 1e-300)), -50.0, 50.0)
+    return np.maximum(np.concatenate([of_power, of_processes], axis=1), 1e-300)
+
+
+def to_gain(found: np.ndarray, expected: np.ndarray) -> float:
+    """By how much the likeliest variances would lower the deviance, as those of n values would: n (r − 1 − log r) for a
+    ratio r of `shown`. No more than n (1 − r) where they fall: what is told of a variance falls with it."""
+    r = np.clip(found / expected, 1e-50, 1e50)
+    return float(np.sum(expected * np.where(r < 1.0, np.minimum(1.0 - r, r - 1.0 - np.log(r)), r - 1.0 - np.log(r))))
 
 
 def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """Variances nearer to the likeliest from their `variance_ratio`, and that ``before`` at others, where there was
+    """Variances nearer to the likeliest from the log of their ratio in `shown`, and that ``before`` at others, where there was
     one."""
     reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
     if before is not None:

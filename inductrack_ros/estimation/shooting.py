@@ -35,7 +35,7 @@ STEPS = 25
 HALVINGS = 6
 #: Updates of the power at each linearisation.
 POWER_STEPS = 3
-#: So many steps that gain nothing end a fit.
+#: So many steps that gain nothing end a fit, where other variances would gain nothing either.
 IDLE = 2
 #: A power (m²/s³, rad²/s³) at which trajectories have no defects but what the integration's tolerance leaves; steps of
 #: a fit from end to end that looks for such trajectories.
@@ -208,7 +208,7 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
     best, idle = None, 0
     for _ in range(steps):
         new = _step(problem, structure, point)
-        idle = idle + 1 if best and new.deviance > best.deviance - TOLERANCE else 0
+        idle = idle + 1 if best and new.deviance > best.deviance - TOLERANCE and new.to_gain < TOLERANCE else 0
         if best is None or new.deviance < best.deviance:
             best = new
         if idle == IDLE:
@@ -225,13 +225,15 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
 @dataclass(frozen=True)
 class Step:
     """A Gauss–Newton step: the evidence before it, the ``point`` it leads to with its likeliest disturbances, the
-    ``deviance`` there, where to go on from (``next``), and where each run touched the track (n,)."""
+    ``deviance`` there, where to go on from (``next``), where each run touched the track (n,), and by how much other
+    variances would lower the deviance (``to_gain``)."""
 
     evidence: Evidence
     point: Point
     deviance: float
     next: Point
     touching: tuple[np.ndarray, ...]
+    to_gain: float
 
 
 def _step(problem: Problem, structure: Structure, point: Point) -> Step:
@@ -260,7 +262,8 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     lost = max(float(np.sum(problem.for_runs(missed))), 0.0) if told else 0.0
     here = replace(went, power=settled.power, processes=settled.processes)
     onward = replace(went, power=settled.next_power, processes=settled.next_processes)
-    return Step(settled.evidence, here, settled.evidence.deviance + lost, onward, tuple(s.touching for s in plain))
+    touching = tuple(s.touching for s in plain)
+    return Step(settled.evidence, here, settled.evidence.deviance + lost, onward, touching, settled.to_gain)
 
 
 def _all_shown(moving: np.ndarray, systems: Sequence[LinearRun]) -> bool:
