@@ -72,6 +72,9 @@ MOST_SET_ASIDE = 0.2
 #: Part of a run's samples at its largest or smallest value from which on a channel is saturated, and the fewest of them
 #: in a row.
 SATURATED, FLAT = 0.02, 8
+#: An end of the range is read so many times as often as the value next to it where the sensor is saturated: noise alone
+#: makes its ends the rarest readings.
+PILED_UP = 5
 #: A channel hangs where it repeats one value for this part of a run while the rest of the channel moves.
 STUCK = 0.1
 #: The readings' step matters from this part of the noise on.

@@ -25,7 +25,7 @@ def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel],
         if dead := _constant(campaign, channel, about, _beside(channel, campaign, channels, model)):
             findings += dead
         else:
-            findings += _flat(calm, channel, about)
+            findings += _flat(calm, channel, about) or _clipped(campaign, channel, about)
         findings += _coarse(campaign, channel, about)
     return findings
 
@@ -129,7 +129,9 @@ def _constant(campaign: Campaign, channel: str, about: Channel, beside: str) -> 
 
 
 def _flat(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
-    """Stretches that repeat one value at an end of the range: there the sensor is saturated."""
+    """Stretches that repeat one value at an end of the range: there the sensor is saturated.
+
+    A sensor's end of range is an effect of the catalogue: nothing is set aside, the diagnosis is to see it."""
     rows: dict[str, Array] = {}
     longest: tuple[int, Run | None, int] = (0, None, 0)
     for run in campaign.runs:
@@ -143,12 +145,32 @@ def _flat(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
     if run is None or count < levels.SATURATED * min(about.count, 50 * levels.FLAT):
         return []
     value = float(run[channel][at])
-    # A sensor's end of range is an effect of the catalogue: the diagnosis is to see it.
     text = (
         f"{channel} stays at {number(value, 6)} for {length} samples from {place(run, at)}: the end of the sensor's"
         f" range; {count} such samples in all"
     )
     size = {"count": count, "share": count / about.count, "value": value}
+    return [Finding("saturated", WARNING, text, "", channel, samples=as_samples(rows), size=size)]
+
+
+def _clipped(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
+    """An end of the range that is read again and again, although noise is larger than the readings' step: there the
+    sensor is saturated, also where the cradle rests on the track."""
+    if not about.step < about.noise:
+        return []
+    runs = [run for run in campaign.runs if channel in run.channels and run.samples(channel)[1].size]
+    values, counts = np.unique(np.concatenate([run.samples(channel)[1] for run in runs]), return_counts=True)
+    if len(values) < levels.FEW:
+        return []
+    ends = [(values[k], counts[k], counts[beside]) for k, beside in ((0, 1), (-1, -2))]
+    found = [(v, n) for v, n, m in ends if n >= max(levels.FLAT, levels.PILED_UP * m)]
+    if not found:
+        return []
+    value, count = max(found, key=lambda f: f[1])
+    rows = {run.name: np.flatnonzero(run[channel] == value) for run in runs if (run[channel] == value).any()}
+    text = f"{channel} reads exactly {number(float(value), 6)} {int(count)} times and never more: the end of the sensor's range"
+    text = text.replace("never more", "never less") if value == values[0] else text
+    size = {"count": int(count), "share": count / about.count, "value": float(value)}
     return [Finding("saturated", WARNING, text, "", channel, samples=as_samples(rows), size=size)]
 
 

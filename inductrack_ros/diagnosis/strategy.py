@@ -37,6 +37,9 @@ from .pairs import add_pair
 from .screening import CandidateSet, Law, Screening, laws
 from .settings import FORCES_REFITTED, MOST_EFFECTS, MOST_REFITTED, NEAR, REFITTED, ROUNDS, TWINS
 
+#: Findings of the look at the data that are effects of the catalogue.
+EFFECT_SEEN = {"saturated": "sensor_saturation"}
+
 Stage = Callable[[Task, State], State]
 
 
@@ -90,6 +93,7 @@ def add_known(task: Task, state: State) -> State:
     if pays and (exact := exact_ones(task, state, closest(screening), screening.family)):
         return add_background(task, exact[0])  # what is read during a contact counts too: no cost compares with these
     tried = [best_kept(task, state, screening)] if pays else []
+    tried += [settled(task, t) for t in all_refitted(task, state, seen_before(task, screening), screening.family)]
     tables = laws(task.problem, state.fit, systems, lacking) if lacking and not state.stands_in else []
     if tables and tables[0].gain > law_price():
         least = min((s.cost(task) for s in tried), default=screening.scores.plain)
@@ -130,6 +134,12 @@ def one_each(screening: Screening) -> list[CandidateSet]:
     """The single effects, each from its most promising start only."""
     singles = [s for s in screening.sets if len(s.members) == 1]
     return list({s.members[0].name: s for s in reversed(singles)}.values())[::-1]
+
+
+def seen_before(task: Task, screening: Screening) -> list[CandidateSet]:
+    """The single effects that the look at the data saw: they are tried whatever first order says of them."""
+    seen = {f"{EFFECT_SEEN[h.kind]}:{h.channel}" for h in task.hints if h.kind in EFFECT_SEEN}
+    return [s for s in one_each(screening) if s.members[0].name in seen]
 
 
 def closest(screening: Screening) -> list[CandidateSet]:
@@ -181,7 +191,8 @@ def exchange(task: Task, state: State) -> State:
     for name in state.known:
         state, others = rivals(task, state, name)
         if others and others[0].cost(task) < state.cost(task) - TOLERANCE and not state.stands_in:
-            return others[0].told(f"{others[0].added[-1]} instead of {name}")
+            other = others[0].added[-1]
+            return others[0].told(f"{other} instead of {name}" if other != name else f"{name} from another start")
         close = [o for o in others if o.added[-1] != name and o.fit.deviance < state.fit.deviance + TWINS]
         twins[name] = tuple(o.added[-1] for o in close)
         fits |= {o.added[-1]: o.fit for o in close}

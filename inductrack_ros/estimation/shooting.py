@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from . import fit as end_to_end
-from .kalman import LinearRun
-from .likelihood import TOLERANCE, Beside, Evidence, Misses, Point, Settled, cost, misses, promised, settle
+from .kalman import LinearRun, run_smoother
+from .likelihood import TOLERANCE, Beside, Evidence, Misses, Point, Settled, cost, misses, promised, settle, weigh
 from .linear import linearise, next_state
 from .problem import Problem
 from .processes import IMPACT, Process, offsets, tightened
@@ -155,49 +155,51 @@ def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, sta
 
 
 def _flown_on(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
-    """A fit from trajectories that are flown and leave nothing but noise: a step moves theta and the initial states, and
-    the runs are flown anew (condensing). Nothing shakes the rig, so nodes of their own gain nothing, and a stiff contact
-    makes much of each."""
+    """A fit from trajectories of a fit from end to end that leaves nothing but noise: a step moves theta and the initial
+    states, and the runs are flown anew (condensing). Nothing shakes the rig, so nodes of their own gain nothing, and a
+    stiff contact makes much of each. It has converged before; what is left is to weigh the sensors as they are."""
     best: tuple[Point, Settled, tuple[np.ndarray, ...]] | None = None
-    converged = False
     for _ in range(steps):
         plain = linearise_all(problem, point, structure)
         settled = settle(problem, structure, plain, point, FLOWN_STEPS)
-        converged = best is not None and settled.evidence.deviance > best[1].evidence.deviance - TOLERANCE
+        idle = best is not None and settled.evidence.deviance > best[1].evidence.deviance - TOLERANCE
         if best is None or settled.evidence.deviance < best[1].evidence.deviance:
             best = point, settled, tuple(s.touching for s in plain)
-        if converged:
+        if idle:
             break
-        there = _reflown(problem, structure, point, settled)
+        there = _reflown(problem, structure, point, plain, settled)
         point = replace(there, power=settled.next_power, processes=settled.next_processes)
     assert best is not None  # there is one step at least
     here, settled, touching = best
     evidence = settled.evidence
     return Fit(
         structure, here.theta, here.paths, settled.power, evidence.deviance, evidence.chi2, evidence.covariance,
-        converged, settled.processes, here.exact, touching,
+        True, settled.processes, here.exact, touching,
     )  # fmt: skip
 
 
-def _reflown(problem: Problem, structure: Structure, point: Point, settled: Settled) -> Point:
+def _reflown(
+    problem: Problem, structure: Structure, point: Point, plain: Sequence[LinearRun], settled: Settled
+) -> Point:
     """The point a step of theta and of the initial states further, all runs flown from there; shortened where they would
     fare worse for it."""
-    own = structure.model.active_states < 8
-    at = structure.model.active_states[own]
+    systems, active = settled.systems, structure.model.active_states
+    still = weigh(problem, structure, systems, point.theta, np.zeros(4))
+    smooth = problem.for_runs(lambda i: run_smoother(systems[i], still.filtered[i], still.step).deviations)
+    beside = [offsets(*of)[0] for of in zip(plain, systems, smooth, strict=True)]
 
     def costs(i: int, theta: np.ndarray, path: np.ndarray) -> float:
-        none = np.zeros(len(problem.runs[i].y)), np.zeros_like(path)
-        left = misses(problem, structure, i, theta, path, none)
-        return float(np.nansum(left.readings**2 / settled.systems[i].variance))
+        left = misses(problem, structure, i, theta, path, (beside[i], np.zeros_like(path)))
+        return float(np.nansum(left.readings**2 / systems[i].variance))
 
     def anew(i: int, theta: np.ndarray, share: float) -> np.ndarray:
-        state = point.paths[i][0, :8].copy()
-        state[at] += share * settled.smooth[i].deviations[0, : len(own)][own]
-        return flown(problem, structure, i, theta, state)
+        state = point.paths[i][0].copy()
+        state[active] += share * smooth[i][0, : len(active)]
+        return flown(problem, structure, i, theta, state[:8])
 
     aim = sum(problem.for_runs(lambda i: costs(i, point.theta, point.paths[i])))
     for share in 0.5 ** np.arange(HALVINGS):
-        theta = point.theta + share * settled.evidence.step
+        theta = point.theta + share * still.step
         paths = tuple(problem.for_runs(lambda i, t=theta, s=share: anew(i, t, s)))
         if sum(problem.for_runs(lambda i, t=theta, p=paths: costs(i, t, p[i]))) < aim:
             return replace(point, theta=theta, paths=paths)
