@@ -141,8 +141,9 @@ def settle(
         if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
             break
         power, processes, before, last = next_power, next_processes, (here, ratio), evidence.deviance
-    active = np.concatenate([moving, np.ones(len(processes), bool)])
-    gain = to_gain(found[active], expected[active])
+    there = np.concatenate([next_power, variances(next_processes)])
+    movable = ~np.isclose(there, here, rtol=1e-6, atol=0.0)  # what is at its least or most stays
+    gain = to_gain(found[movable], expected[movable])
     return Settled(power, processes, systems, evidence, smooth, next_power, next_processes, gain)
 
 
