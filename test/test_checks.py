@@ -481,6 +481,18 @@ def test_a_saturated_and_a_stuck_sensor(pose, model):
     assert found.samples["a"][0] in (100, 101)
 
 
+def test_a_sensor_that_is_clipped_now_and_then_is_saturated(pose, model):
+    """Noise takes its readings off the end of the range again, so few are in a row; only the end repeats exactly."""
+    rng = np.random.default_rng(3)
+    noisy = changed(pose, "roll", lambda y: y + 3e-4 * rng.standard_normal(len(y)))
+    assert ("saturated", "roll") not in kinds(look(noisy, model), WARNING)
+    limit = float(np.sort(np.concatenate([run["roll"] for run in noisy.runs]))[-30])
+    found = next(
+        f for f in look(changed(noisy, "roll", lambda y: np.minimum(y, limit)), model) if f.kind == "saturated"
+    )
+    assert found.size["count"] == 30 and found.size["value"] == limit
+
+
 def test_coarse_readings_raise_the_noise(pose, model):
     used, (found,) = admit(changed(pose, "heave", lambda y: np.round(y, 4)), model)
     assert (found.kind, found.size["step"]) == ("quantised", pytest.approx(1e-4))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Multiple shooting on runs of the independent simulator: still and shaken, complete and with something missing."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from inductrack_ros.core.model import Model
 from inductrack_ros.data.campaign import Campaign
 from inductrack_ros.data.measurement import Run
 from inductrack_ros.diagnosis import moves, strategy
-from inductrack_ros.estimation import shooting
+from inductrack_ros.estimation import likelihood, shooting
 from inductrack_ros.estimation.problem import Problem
 from inductrack_ros.estimation.structure import Structure
 
@@ -80,3 +81,25 @@ def test_a_missing_drag_is_found_and_leaves_nothing_shaken():
     value, std = (getattr(state.fit, x)["aerodynamic_drag.drag_area"] for x in ("values", "deviations"))
     assert abs(value - 0.06) < 4 * std
     assert moves.shaken(moves.Task(rig), state) == []
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.8, 1.3, 4.0])
+def test_what_other_variances_would_gain(apart):
+    """That of n values of a variance: n (log q + s / q) from q to s; what falls gains no more than n (1 − s / q)."""
+    n, q = 12.0, 2.0
+    s = apart * q
+    truth = n * (np.log(q) + s / q) - n * (np.log(s) + 1.0)
+    gain = likelihood.to_gain(np.array([n * apart]), np.array([n]))
+    assert gain == pytest.approx(truth if apart > 0.3 else n * (1.0 - apart))
+
+
+def test_a_fit_goes_on_while_the_disturbance_still_falls():
+    """A missing drag shakes the plant at first: the fit with it does not end before the power is gone."""
+    of = problem(np.zeros(4), aerodynamic_drag__drag_area=0.04)
+    without = fitted(of)
+    structure = without.structure.plus("aerodynamic_drag")
+    theta = np.append(without.theta, structure.start[-1])
+    point = replace(without.point, theta=theta)
+    new = shooting.fit(of, structure, point)
+    last = likelihood.settle(of, structure, shooting.linearise_all(of, new), new.point, 1)
+    assert new.converged and last.to_gain < 1.0 and (new.power < 1e-6).all()

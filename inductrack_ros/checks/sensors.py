@@ -168,9 +168,12 @@ def _clipped(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
         return []
     value, count = max(found, key=lambda f: f[1])
     rows = {run.name: np.flatnonzero(run[channel] == value) for run in runs if (run[channel] == value).any()}
-    text = f"{channel} reads exactly {number(float(value), 6)} {int(count)} times and never more: the end of the sensor's range"
-    text = text.replace("never more", "never less") if value == values[0] else text
-    size = {"count": int(count), "share": count / about.count, "value": float(value)}
+    beyond = "less" if value == values[0] else "more"
+    text = (
+        f"{channel} reads exactly {number(float(value), 6)} {int(count)} times and never {beyond}: the end of the"
+        " sensor's range"
+    )
+    size = {"count": int(count), "share": float(count / about.count), "value": float(value)}
     return [Finding("saturated", WARNING, text, "", channel, samples=as_samples(rows), size=size)]
 
 

@@ -165,8 +165,8 @@ def to_gain(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """Variances nearer to the likeliest from the log of their ratio in `shown`, and that ``before`` at others, where there was
-    one."""
+    """Variances nearer to the likeliest from the log of their ratio in `shown`, and that ``before`` at others, where
+    there was one."""
     reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
     if before is not None:
         moved, change = np.log(values / before[0]), before[1] - ratio

@@ -155,9 +155,11 @@ def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, sta
 
 
 def _flown_on(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
-    """A fit from trajectories of a fit from end to end that leaves nothing but noise: a step moves theta and the initial
-    states, and the runs are flown anew (condensing). Nothing shakes the rig, so nodes of their own gain nothing, and a
-    stiff contact makes much of each. It has converged before; what is left is to weigh the sensors as they are."""
+    """A fit from trajectories that are flown and leave nothing but noise.
+
+    A step moves theta and the initial states, and the runs are flown anew (condensing). Nothing shakes the rig, so nodes
+    of their own gain nothing, and a stiff contact makes much of each. The trajectories come from a fit from end to end
+    that has converged; what is left is to weigh the sensors as they are."""
     best: tuple[Point, Settled, tuple[np.ndarray, ...]] | None = None
     for _ in range(steps):
         plain = linearise_all(problem, point, structure)
@@ -181,8 +183,8 @@ def _flown_on(problem: Problem, structure: Structure, point: Point, steps: int) 
 def _reflown(
     problem: Problem, structure: Structure, point: Point, plain: Sequence[LinearRun], settled: Settled
 ) -> Point:
-    """The point a step of theta and of the initial states further, all runs flown from there; shortened where they would
-    fare worse for it."""
+    """The point a step of theta and of the initial states further, all runs flown from there. The step is shortened
+    where they would fare worse for it."""
     systems, active = settled.systems, structure.model.active_states
     still = weigh(problem, structure, systems, point.theta, np.zeros(4))
     smooth = problem.for_runs(lambda i: run_smoother(systems[i], still.filtered[i], still.step).deviations)
