@@ -157,9 +157,9 @@ def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, sta
 def _flown_on(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
     """A fit from trajectories that are flown and leave nothing but noise.
 
-    A step moves theta and the initial states, and the runs are flown anew (condensing). Nothing shakes the rig, so nodes
-    of their own gain nothing, and a stiff contact makes much of each. The trajectories come from a fit from end to end
-    that has converged; what is left is to weigh the sensors as they are."""
+    A step moves theta and the initial states, and the runs are flown anew (condensing). Nothing shakes the rig, so
+    nodes of their own gain nothing, and a stiff contact makes much of each. The trajectories come from a fit from end
+    to end that has converged; what is left is to weigh the sensors as they are."""
     best: tuple[Point, Settled, tuple[np.ndarray, ...]] | None = None
     for _ in range(steps):
         plain = linearise_all(problem, point, structure)
