@@ -144,3 +144,16 @@ def test_a_reading_that_does_not_count_costs_what_others_of_its_channel_do(run):
     apart = np.array(apart).transpose(1, 0, 2).reshape(2, -1)
     assert (np.abs(apart.mean(axis=1)) < 4 * apart.std(axis=1) / np.sqrt(apart.shape[1]) + 0.2).all()
     assert (apart.std(axis=1) > 1.0).all()
+
+
+def test_a_state_that_is_known_all_but_exactly(run):
+    """Squares of what is left of it underflow; it is as one that is known exactly."""
+    tiny, exact = run.start_root.copy(), run.start_root.copy()
+    tiny[-2:, -2:], exact[-2:, -2:] = [[-2e-155, 0.0], [3e-155, 1e-156]], 0.0
+    kicks = np.zeros_like(run.kicks)
+    kicks[-2, 0] = 0.1  # so that every node is made triangular, most with nothing new
+    still = replace(run, kicks=kicks, transitions=np.tile(np.eye(STATES), (NODES, 1, 1)))
+    nearly, wholly = (run_filter(replace(still, start_root=root), np.zeros(4)) for root in (tiny, exact))
+    assert np.isfinite(nearly.roots).all()
+    np.testing.assert_allclose(nearly.innovations, wholly.innovations, rtol=1e-12)
+    np.testing.assert_allclose(nearly.variances, wholly.variances, rtol=1e-12)

@@ -25,6 +25,8 @@ from ..core.cache import compiled_once
 
 #: A variance at which a reading says nothing.
 MUTE = 1e12
+#: A square below which a row of a square root is nothing: the squares of what is smaller lose their digits.
+VANISHING = 1e-280
 
 
 @dataclass(frozen=True)
@@ -175,17 +177,17 @@ def _triangularised(a, rows, columns):
         norm = 0.0
         for j in range(i, columns):
             norm += a[i, j] * a[i, j]
-        norm = np.sqrt(norm)
-        if norm == 0.0:
+        if norm < VANISHING:
+            for j in range(i, columns):
+                a[i, j] = 0.0
             continue
+        norm = np.sqrt(norm)
         if a[i, i] > 0.0:
             norm = -norm
         head = a[i, i] - norm
         square = head * head
         for j in range(i + 1, columns):
             square += a[i, j] * a[i, j]
-        if square == 0.0:
-            continue
         for r in range(i + 1, rows):
             dot = a[r, i] * head
             for j in range(i + 1, columns):
