@@ -143,9 +143,9 @@ def seen_before(task: Task, screening: Screening) -> list[CandidateSet]:
 
 
 def closest(screening: Screening) -> list[CandidateSet]:
-    """The single effects that pay, as far as they are near to the best of them."""
+    """The single effects that promise something, as far as they are near to the best of them."""
     singles = [s for s in screening.sets if len(s.members) == 1]
-    return [s for s in singles if s.cost <= screening.scores.plain and s.deviance < singles[0].deviance + NEAR]
+    return [s for s in singles if s.deviance < min(singles[0].deviance + NEAR, screening.scores.plain)]
 
 
 def promising(screening: Screening, plain: float) -> list[CandidateSet]:

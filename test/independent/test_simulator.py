@@ -119,6 +119,10 @@ def test_every_effect_moves_the_cradle(field):
         "auxiliary_wheels__height": 6e-3,
         "auxiliary_wheels__damping": 100.0,
     }
+    law = {"size": 1.0, "coordinate": 2, "form": 5, "variable": 4, "a": 17.0, "b": 2.0, "second": 4, "scale": 20.0}
+    law = {f"law__{name}": value for name, value in {**law, "power": 1}.items()}  # a step at 17 m/s, times the speed
+    company |= {name: {n: v for n, v in law.items() if n != name} for name in law}
+    amounts |= law
     times = np.linspace(0, 0.6, 61)
     start = [0, 0.002, -0.0045, 0.002, 18.0, 0, 0, 0]
     drive_current = 0.0 if field.startswith("sliding") else 5000.0  # coasting touches down within the run
