@@ -131,14 +131,16 @@ def exactly(
     point = replace(point, processes=tuple(p for p in point.processes if p.kind != IMPACT), exact=True)
     whole = whole or end_to_end.fit(problem, structure, [path[0, :8] for path in point.paths], point.theta, FLOWN_STEPS)
 
-    paths = tuple(problem.for_runs(lambda i: flown(problem, structure, i, whole.theta, whole.states[i])))
-    as_flown = replace(point, theta=whole.theta, paths=paths, power=np.full(4, QUIET) * problem.model.moving)
+    def as_flown() -> Point:
+        paths = tuple(problem.for_runs(lambda i: flown(problem, structure, i, whole.theta, whole.states[i])))
+        return replace(point, theta=whole.theta, paths=paths, power=np.full(4, QUIET) * problem.model.moving)
+
     if whole.leaves_noise:
-        return _flown_on(problem, structure, as_flown, steps)
+        return _flown_on(problem, structure, as_flown(), steps)
     f = _descended(problem, structure, point, steps)
-    if whole.chi2 > f.deviance:
+    if whole.chi2 >= f.deviance:
         return f
-    return min(f, _descended(problem, structure, as_flown, steps), key=lambda x: x.deviance)
+    return min(f, _descended(problem, structure, as_flown(), steps), key=lambda x: x.deviance)
 
 
 def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray) -> np.ndarray:
