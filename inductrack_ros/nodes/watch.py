@@ -31,7 +31,7 @@ from .watch_view import View, line, screen, words_of_list
 LOOK = 0.1  # s between looks at what came
 LINE = 1.0  # s between lines where the output is no terminal
 SETTLED = 1.5  # s without a new topic after which the list is complete
-LONGEST = 6.0  # s that the list, or one view, waits at most
+LONGEST = 6.0  # s without a new topic that the list, or one view, waits at most
 SILENT = 2.0  # s after which it is said that nothing comes
 QUEUE = 2000  # messages of one topic between two looks
 #: The nodes' own log has no place on the screen.
@@ -60,11 +60,19 @@ class Watcher(Node):
         self._polled = Polled()
         self._taken: list[tuple[Subscription, Callable[[object], None]]] = []
         self._since = time.monotonic()
+        self._known: list[str] = []
 
     @property
     def waited(self) -> float:
-        """Seconds since the start."""
+        """Seconds since the start, or since the newest topic appeared."""
         return time.monotonic() - self._since
+
+    def find(self) -> dict[str, list[str]]:
+        """All topics, with their types; a new one starts the waiting anew."""
+        topics = dict(self.get_topic_names_and_types())
+        if sorted(topics) != self._known:
+            self._known, self._since = sorted(topics), time.monotonic()
+        return topics
 
     def take(self, kind: type, topic: str, into: Callable[[object], None], qos: QoSProfile) -> None:
         """Hand every message of a topic to ``into``."""
@@ -81,7 +89,7 @@ class Watcher(Node):
 
     def offered(self) -> dict[str, list[str]]:
         """Topics that somebody publishes, with their types."""
-        return {t: types for t, types in self.get_topic_names_and_types() if self.count_publishers(t)}
+        return {t: types for t, types in self.find().items() if self.count_publishers(t)}
 
 
 class Lister(Watcher):
@@ -89,16 +97,12 @@ class Lister(Watcher):
 
     def __init__(self, namespace: str) -> None:
         super().__init__(namespace)
-        self._known: list[str] = []
-        self._new = time.monotonic()
         every(self, LOOK, self._look)
 
     def _look(self) -> None:
-        topics = dict(self.get_topic_names_and_types())
-        if sorted(topics) != self._known:
-            self._known, self._new = sorted(topics), time.monotonic()
+        topics = self.find()
         alone = len(self.get_node_names()) < 2
-        if (alone or time.monotonic() - self._new < SETTLED) and self.waited < LONGEST:
+        if self.waited < (LONGEST if alone else SETTLED):
             return
         rows = [(t, ", ".join(topics[t]), self.count_publishers(t), self.count_subscribers(t)) for t in self._known]
         print(words_of_list([r for r in rows if r[2] or r[3]]))
@@ -241,18 +245,19 @@ class Board(Watcher):
             print(line(self._view), flush=True)
 
     def _is_complete(self) -> bool:
-        """Whether all nodes of the namespace that are known to speak have spoken, and a state with its rates is there
-        (one topic may be found late)."""
+        """Whether no new topic appears, a state with its rates is there, and every diagnosing node and every wrench of
+        the namespace was heard."""
         speakers = {
             info.node_name for info in self.get_publishers_info_by_topic("/diagnostics")
             if info.node_namespace == self._view.namespace
         }  # fmt: skip
         state = {**self._view.measured, **self._view.truth}
+        wrenches = {topic.rsplit("/", 1)[-1] for topic in self._offered}
         return (
-            bool(speakers)
+            self.waited > SETTLED
             and {"surge", "surge_rate"} <= set(state)
             and speakers <= set(self._view.statuses)
-            and self.waited > SETTLED
+            and wrenches <= set(self._view.wrenches)
         )
 
     def _follow_wrenches(self) -> None:
