@@ -19,8 +19,7 @@ demo: $(READY)
 	@$(BIN)/python -m inductrack_ros.demo
 
 test: $(READY) lint
-	@$(BIN)/python -m pytest -m "not alone" --numprocesses 2 --dist worksteal
-	@$(BIN)/python -m pytest -m alone
+	@$(BIN)/python -m pytest --numprocesses 3 --dist worksteal
 
 # Whole diagnoses of the practice and blind campaigns, a minute or more each.
 nightly: $(READY)

@@ -50,13 +50,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before any are deselected
 def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.Item]) -> None:
-    """All tests are there. Nodes in real processes need the processor they were promised."""
+    """All tests are there; those that take minutes only when asked for."""
     lost = missing(session.config, items)
     if lost and not session.testsfailed:
         raise pytest.UsageError(f"{len(lost)} tests are written but were not collected, {lost[0]} for one")
     for item in items:
-        if "ros" in getattr(item, "fixturenames", ()):
-            item.add_marker("alone")
         if item.get_closest_marker("nightly") and not session.config.getoption("--nightly"):
             item.add_marker(pytest.mark.skip(reason="takes minutes: make nightly"))
 
@@ -84,7 +82,7 @@ def wait_until(
 
 
 class Process:
-    """One node in a process of its own."""
+    """One node in a process of its own. Signals go to it and to all that it started, as from a terminal."""
 
     def __init__(self, what: str, *args: str, folder: Path) -> None:
         number = len(list(folder.glob("*.log")))
@@ -92,7 +90,9 @@ class Process:
         # A node as a user starts it, or a file.
         command = [sys.executable, what] if what.endswith(".py") else [str(BIN / what)]
         with self._log.open("w") as log:
-            self._process = subprocess.Popen([*command, *args], stdout=log, stderr=subprocess.STDOUT, cwd=folder)
+            self._process = subprocess.Popen(
+                [*command, *args], stdout=log, stderr=subprocess.STDOUT, cwd=folder, start_new_session=True
+            )
 
     @property
     def output(self) -> str:
@@ -116,7 +116,8 @@ class Process:
         assert text in self.output, self.output
 
     def send(self, number: signal.Signals) -> None:
-        self._process.send_signal(number)
+        if self.running:
+            os.killpg(self.pid, number)
 
     def wait(self) -> int:
         """The exit status, once it ends by itself."""
@@ -131,7 +132,7 @@ class Process:
         return status
 
     def kill(self) -> None:
-        self._process.kill()
+        self.send(signal.SIGKILL)
         self._process.wait()
 
 

@@ -158,7 +158,6 @@ def test_the_example_controller_of_the_documentation_holds_the_speed(ros):
     assert sim.stop() == 0 and example.stop() == 0
 
 
-@pytest.mark.alone
 def test_the_demo_records_a_run(tmp_path, monkeypatch):
     monkeypatch.setattr(demo, "SECONDS", 1.0)
     monkeypatch.setenv("ROS_DOMAIN_ID", "")  # it claims one of its own

@@ -25,7 +25,6 @@ from inductrack_ros.data import read_bag
 from inductrack_ros.estimation.ensemble import ensemble
 from inductrack_ros.nodes import bag
 
-pytestmark = pytest.mark.alone
 needs_compiler = pytest.mark.skipif(limit.compiler() is None, reason="no C compiler here")
 
 

@@ -16,7 +16,6 @@ from conftest import BIN, wait_until
 from inductrack_ros.core.compiled import cache_folder
 from inductrack_ros.data import read_bag
 
-pytestmark = pytest.mark.alone
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 CHAPTERS = re.split(r"^(?=## )", TEXT, flags=re.MULTILINE)
