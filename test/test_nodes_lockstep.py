@@ -8,7 +8,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 from geometry_msgs.msg import PointStamped, TwistStamped
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import SetBool, Trigger

@@ -24,6 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 from inductrack_ros import frames
 from inductrack_ros.core.model import Model
 from inductrack_ros.nodes.drive import PulseQueue
+from inductrack_ros.nodes.listeners import recorders
 from inductrack_ros.nodes.rest import Rest
 from inductrack_ros.nodes.simulation import Simulation
 from inductrack_ros.nodes.topics import nanoseconds_of, pulse_message, stamp_of
@@ -286,7 +287,7 @@ def test_alone_it_flies_for_as_long_as_one_watches(ros):
 
 def test_a_run_that_somebody_records_or_waits_for_stays_one(ros):
     simulation = Simulation(Model.default(), {"surge_rate": 15.5}, 500.0, PulseQueue(10, 1e4, 6e-4))
-    given = {"again": True, "lockstep": False, "listeners": 0}
+    given = {"again": True, "lockstep": False, "listeners": 0, "track_length": 1000.0}
     assert not any(Rest(ros.node, given).look(simulation) for _ in range(3))  # it flies
     simulation.x[4] = 0.0
     for why in ({}, {"again": False}, {"lockstep": True}, {"listeners": 1}):
@@ -294,9 +295,15 @@ def test_a_run_that_somebody_records_or_waits_for_stays_one(ros):
         assert [rest.look(simulation) for _ in range(4)] == ([False, True, False, True] if not why else [False] * 4)
     stood = Simulation(Model.default(), {"surge_rate": 0.0}, 500.0, PulseQueue(10, 1e4, 6e-4))
     assert not any(Rest(ros.node, given).look(stood) for _ in range(3))  # as asked
+    away = Simulation(Model.default(), {"surge_rate": 17.0}, 500.0, PulseQueue(10, 1e4, 6e-4))
+    away.x[0] = 999.0
+    rest = Rest(ros.node, given)
+    assert not any(rest.look(away) for _ in range(3))
+    away.x[0] = 1001.0  # above its balance speed it runs away
+    assert [rest.look(away) for _ in range(4)] == [False, True, False, True]
     recorder = ros.start("record", "-o", "bag", "/pose")
     ros.node.create_publisher(PoseStamped, "/pose", 1)
-    ros.wait(lambda: ros.node.count_subscribers("/pose"), "the recorder")
+    ros.wait(lambda: recorders(ros.node, "/pose"), "the recorder")  # its name comes after the count
     rest = Rest(ros.node, given)
     assert not any(rest.look(simulation) for _ in range(4))
     assert recorder.stop() == 0

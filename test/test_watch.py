@@ -59,9 +59,12 @@ def test_silence_is_said():
     view = full_view()
     assert "nothing new" not in as_text(view) and "silent" not in line(view)
     view.now += 10.0
-    assert "nothing new for 10 s" in as_text(view) and "monitor: fails in surge above 20 m/s (silent for 10 s)" in line(
-        view
-    )
+    assert "nothing new for 10 s" in as_text(view)
+    assert "monitor: fails in surge above 20 m/s (silent for 10 s)" in as_text(view)
+    words = "nothing new since 12.500 s; monitor: fails in surge above 20 m/s, silent; sim: silent"
+    assert line(view) == words
+    view.now += 10.0
+    assert line(view) == words  # and is printed once
     assert "Start sim" in as_text(View("/rig")) and line(View("/rig")) == "/rig: nothing is heard yet"
 
 

@@ -259,12 +259,17 @@ class Monitor:
             found[name] = float(fit.force[i]), float(fit.sigma[i])
         return found
 
+    @property
+    def started(self) -> bool:
+        """Whether a pose has come."""
+        return self._epoch is not None
+
     def status(self) -> tuple[bool, str]:
         """Whether the model holds, as far as can be told, and the sentence that says so."""
         failing = self.failing
         if failing:
             return False, "fails in " + ", ".join(" ".join([c, *where[:1]]) for c, where in failing.items())
-        if self._epoch is None:
+        if not self.started:
             return True, "waiting for measured/pose"
         if len(self._judged) < ENOUGH:
             return True, "in contact: not judged" if self._in_contact else "too early to tell"

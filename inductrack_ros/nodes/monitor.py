@@ -21,13 +21,14 @@ from ..core.state import COORDINATES, FURTHER_SENSORS, INDEX, INSTRUMENTS, OUTPU
 from ..monitoring.monitor import SEEN, Monitor, Window
 from ..reports.words import sized
 from .diagnostics import PERIOD, Diagnostics
+from .domain import reach
 from .overrides import Overrides
 from .parameters import (
     Option,
     declare,
     effect_parameters,
-    freedom,
     given,
+    in_words,
     model_options,
     when_set,
     with_values,
@@ -96,10 +97,7 @@ class MonitorNode(Node):
         self._last: Window | None = None
         every(self, LOOK, self._look)
         every(self, PERIOD, self._diagnose)
-        self.get_logger().info(
-            f"{freedom(model)}, drive: {model.drive}, effects: {', '.join(model.effects) or 'none'}; "
-            f"windows of {options['window']:g} s"
-        )
+        self.get_logger().info(f"{in_words(model)}; windows of {options['window']:g} s")
 
     # -- what comes in --------------------------------------------------------------------------------------------
 
@@ -199,7 +197,8 @@ class MonitorNode(Node):
         holds, sentence = monitor.status()
         if sentence != self._said:
             self._said = sentence
-            self._say(holds, self._in_newtons(sentence))
+            waits = not monitor.started
+            self._say(holds, f"{sentence}; {reach()}" if waits else self._in_newtons(sentence))
         silent = time.monotonic() - self._heard_at > SILENT
         if silent and not self.count_publishers("measured/pose"):
             self._conclude("the measurements have ended")

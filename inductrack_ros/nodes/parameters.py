@@ -20,7 +20,7 @@ __all__ = [
     "Option",
     "declare",
     "effect_parameters",
-    "freedom",
+    "in_words",
     "given",
     "model_options",
     "plain",
@@ -110,9 +110,14 @@ def model_options(model: Model) -> dict[str, Option]:
     return MODEL_OPTIONS | {"dof": Option(list(model.dof), MODEL_OPTIONS["dof"].meaning)}
 
 
-def freedom(model: Model) -> str:
-    """What moves, for the log."""
-    return f"{model.dof} degrees of freedom" if isinstance(model.dof, int) else f"free: {', '.join(model.dof)}"
+def in_words(model: Model) -> str:
+    """What a node's first line says of its model: drive, effects, and what is not as usual."""
+    parts = [f"drive: {model.drive}", f"effects: {', '.join(model.effects) or 'none'}"]
+    if model.track != MODEL_OPTIONS["track"].default:
+        parts.append(f"track: {model.track}")
+    if model.dof != MODEL_OPTIONS["dof"].default:
+        parts.append(f"dof: {model.dof if isinstance(model.dof, int) else ', '.join(model.dof)}")
+    return ", ".join(parts)
 
 
 def effect_parameters(model: Model) -> dict[str, Parameter]:

@@ -110,9 +110,8 @@ class Player(Node):
         heard = max(p.get_subscription_count() for p in self._publishers_by_topic.values()) >= self._options.listeners
         if heard or self._options.at_once:
             self._begin = time.monotonic() + self._options.delay
-            self.get_logger().info(
-                f"playing {self._options.bag} at {self._options.rate:g} times its speed; Ctrl-C ends it"
-            )
+            rate = "" if self._options.rate == 1.0 else f" at {self._options.rate:g} times its speed"
+            self.get_logger().info(f"playing {self._options.bag}{rate}; Ctrl-C ends it")
         elif time.monotonic() > self._announce:
             self._announce = float("inf")
             self.get_logger().info("too few listen to any of its topics yet; waiting (--at-once does not wait)")

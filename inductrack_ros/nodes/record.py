@@ -18,6 +18,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..core.errors import InputError
 from .bag import SegmentedBag
+from .domain import reach
 from .messages import message_class
 from .runtime import NAMESPACE, every, run
 
@@ -130,8 +131,10 @@ class Recorder(Node):
                 self._bag.close()
             except OSError as error:
                 self._fail(f"not all was written: {error.strerror}; what is in it can be read")
-        topics = len(self._subscriptions_by_topic)
-        self.get_logger().info(f"{self._bag.message_count} messages on {topics} topics in {self._bag.path}")
+        count, topics = self._bag.message_count, len(self._subscriptions_by_topic)
+        self.get_logger().info(f"{count} messages on {topics} topics in {self._bag.path}")
+        if not count:
+            self.get_logger().warning(f"nothing was heard: does anybody publish? {reach()}")
 
     def _fail(self, words: str) -> None:
         self.exit_status = 1

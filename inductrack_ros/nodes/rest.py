@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cradle that has come to rest: what to say, and whether its run begins anew."""
+"""A run that is over, because the cradle stands or is past its track: what to say, and whether a new one begins."""
 
 from __future__ import annotations
 
@@ -19,25 +19,28 @@ class Rest:
     def __init__(self, node: Node, options: Mapping[str, object]) -> None:
         self._node = node
         self._may_begin_anew = options["again"] and not options["lockstep"] and not options["listeners"]
-        self._said = self._rested = False
+        self._end_of_track = options["track_length"]
+        self._said = self._over = False
 
     def look(self, simulation: Simulation) -> bool:
-        """Whether a new run is due: it has been at rest for two looks, and nobody records. Says once that it rests, and
-        why."""
+        """Whether a new run is due: this one has been over for two looks, and nobody records. Says once why it is
+        over."""
         rests = abs(simulation.x[4]) < STANDS and abs(simulation.begun_at) > STANDS
-        due = rests and self._rested and self._may_begin_anew and not recorders(self._node, "pose")
-        self._rested = rests and not due
-        if rests and not self._said:
+        over = rests or simulation.travelled > self._end_of_track
+        due = over and self._over and self._may_begin_anew and not recorders(self._node, "pose")
+        self._over = over and not due
+        if over and not self._said:
             self._said = True
-            self._node.get_logger().warning(self._sentence(simulation))
+            self._node.get_logger().warning(self._rested(simulation) if rests else self._ran_away(simulation))
         return due
 
-    def _sentence(self, simulation: Simulation) -> str:
-        after = (
-            "runs begin anew until this node ends (again:=false: they do not)"
-            if self._may_begin_anew
-            else "reset begins anew"
-        )
+    @property
+    def _what_follows(self) -> str:
+        if self._may_begin_anew:
+            return "Runs begin anew until this node ends (again:=false: they do not)"
+        return "Reset begins anew"
+
+    def _rested(self, simulation: Simulation) -> str:
         model = simulation.model
         if model.drive == "pulses":
             why = "no controller holds its speed; start track_controller with -p mode:=speed"
@@ -47,4 +50,11 @@ class Rest:
                 " faster (initial_state:=surge_rate=17), or hold its speed: drive:=pulses here, and track_controller"
                 " -p mode:=speed"
             )
-        return f"the cradle has come to rest after {simulation.travelled:.1f} m: {why}. {after[0].upper()}{after[1:]}"
+        return f"the cradle has come to rest after {simulation.travelled:.1f} m: {why}. {self._what_follows}"
+
+    def _ran_away(self, simulation: Simulation) -> str:
+        return (
+            f"the cradle is past the {self._end_of_track:g} m of its track (track_length), at"
+            f" {simulation.x[4]:.0f} m/s: above its balance speed thrust beats drag; hold its speed: drive:=pulses"
+            f" here, and track_controller -p mode:=speed. {self._what_follows}"
+        )

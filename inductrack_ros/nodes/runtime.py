@@ -69,7 +69,7 @@ def run(make_node: Callable[[Overrides], Node], args: list[str] | None = None) -
 def _spin(node: Node) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    node.get_logger().info(reach())
+    node.get_logger().debug(reach())
     STOP.running = True
     try:
         while not STOP.asked and not getattr(node, "finished", False):

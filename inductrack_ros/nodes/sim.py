@@ -20,13 +20,14 @@ from ..core.options import COIL_PLACES, MODEL_OPTIONS, SIM
 from ..core.parameters import PARAMETERS
 from ..core.state import OUTPUTS
 from .diagnostics import PERIOD, Diagnostics, strangers
+from .domain import reach
 from .drive import PulseQueue
 from .overrides import Overrides
 from .parameters import (
     declare,
     effect_parameters,
-    freedom,
     given,
+    in_words,
     model_options,
     when_set,
     with_values,
@@ -322,12 +323,11 @@ class SimNode(Node):
         return [name for name in self.model.effects if not self.model.known_effects[name.partition(":")[0]].of_sensor]
 
     def _say_what_runs(self) -> None:
-        effects = ", ".join(self.model.effects) or "none"
-        mode = "in lockstep" if self._options["lockstep"] else f"at {self._options['speed_factor']:g} × real time"
-        self.get_logger().info(
-            f"{freedom(self.model)}, track: {self.model.track}, drive: {self.model.drive}, effects: {effects};"
-            f" {self._options['rate']:g} Hz {mode}"
-        )
+        factor = self._options["speed_factor"]
+        real_time = "real time" if factor == 1.0 else f"{factor:g} × real time"
+        mode = "lockstep" if self._options["lockstep"] else real_time
+        self.get_logger().info(f"{in_words(self.model)}; {self._options['rate']:g} Hz, {mode}")
+        self.get_logger().info(reach())
 
     def _diagnose(self) -> None:
         if not self.paused and self._rest.look(self.simulation):

@@ -176,7 +176,7 @@ class Board(Watcher):
         self._once = once
         self._console = Console()
         self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal and not once else None
-        self._next_line = 0.0
+        self._next_line, self._last_line = 0.0, ""
         self._offered: frozenset[str] = frozenset()
         latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         for before, which in (("", "truth"), ("measured/", "measured")):
@@ -242,7 +242,9 @@ class Board(Watcher):
             self._live.update(screen(self._view), refresh=True)
         elif now >= self._next_line:
             self._next_line = now + LINE
-            print(line(self._view), flush=True)
+            if (words := line(self._view)) not in ("", self._last_line):
+                print(words, flush=True)
+            self._last_line = words
 
     def _is_complete(self) -> bool:
         """Whether no new topic appears, a state with its rates is there, and every diagnosing node and every wrench of

@@ -79,8 +79,13 @@ class View:
         """The stamp of the last pose, and since when nothing came."""
         if self.time is None:
             return ""
+        return f"{self.time:.3f} s" + (f", nothing new for {self.silence:.0f} s" if self.silence else "")
+
+    @property
+    def silence(self) -> float:
+        """Seconds since the last state; 0 while states come."""
         silent = self.now - self.state_at
-        return f"{self.time:.3f} s" + (f", nothing new for {silent:.0f} s" if silent > SILENT else "")
+        return silent if silent > SILENT else 0.0
 
     @property
     def is_empty(self) -> bool:
@@ -105,9 +110,12 @@ def screen(view: View) -> Group:
 
 
 def line(view: View) -> str:
-    """The whole in one line, for a file or a pipe."""
+    """The whole in one line, for a file or a pipe. It stays the same while nothing new comes."""
     if view.is_empty:
         return f"{view.namespace}: nothing is heard yet"
+    statuses = [f"{name}: {words}" for name, s in sorted(view.statuses.items()) if (words := _beside_counts(view, s))]
+    if view.silence and view.time is not None:
+        return "; ".join([f"nothing new since {view.time:.3f} s", *statuses])
     values = view.truth or view.measured
     parts = [view.when]
     parts += [
@@ -118,10 +126,16 @@ def line(view: View) -> str:
     if "total" in view.wrenches:
         parts.append("total force " + " ".join(f"{f:.1f}" for f in view.wrenches["total"][:3]) + " N")
     parts += [f"{name} {count}" for name, count in view.counts.items() if count != "0"]
-    parts += [f"{name}: {words}" for name, s in sorted(view.statuses.items()) if (words := view.words(s)) != "running"]
+    parts += statuses
     if missing := missing_words(view):
         parts.append(f"missing {missing}")
     return "; ".join(filter(None, parts))
+
+
+def _beside_counts(view: View, status: Status) -> str:
+    """What a node said last, without the counters that have grown: those stand in the line with their numbers."""
+    said = [words for words in status.message.split(", ") if words not in (*view.counts, "running")]
+    return ", ".join([*said, "silent"] if view.now - status.at > SILENT else said)
 
 
 def missing_words(view: View) -> str:
