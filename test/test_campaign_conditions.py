@@ -22,15 +22,7 @@ from inductrack_ros.estimation.problem import Problem
 from inductrack_ros.estimation.structure import Structure
 
 TIMES = np.arange(300) / 500
-WARM = '''
-from inductrack_ros.core.effects import Parameter, effect
-
-@effect(changes="resistance", parameters={"coefficient": Parameter(0.004, "1/K", -1.0, 1.0, "change", "guess", typical=1e-3)},
-        conditions={"track_temperature": 20.0})
-def warm_track(resistance, coefficient, track_temperature):
-    """Resistance of a warm track."""
-    return resistance * (1.0 + coefficient * (track_temperature - 20.0))
-'''  # noqa: E501
+OWN = Path(__file__).with_name("own_effects.py")
 
 
 def rig(folder: Path, flown: dict, keys: str = "", noise=3e-5, seed=1) -> Path:
@@ -108,9 +100,7 @@ def test_a_condition_takes_the_place_of_a_parameter_in_its_run(tmp_path):
 
 
 def test_a_condition_reaches_the_effect_that_asks_for_it(tmp_path):
-    (tmp_path / "warm.py").write_text(WARM)
-    effects = {"warm_track": {"coefficient": 0.004}}
-    model = Model.create(effects=effects, effect_files=[tmp_path / "warm.py"])
+    model = Model.create(effects={"warm_track": {"coefficient": 0.004}}, effect_files=[OWN])
     hot = Model.create({"resistance": model.parameters["resistance"] * 1.08})  # 40 °C
     cold = Model.default()
     flown = {

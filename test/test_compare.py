@@ -21,6 +21,7 @@ from inductrack_ros.data import load_campaign, write_csv
 
 NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4}
 RUNS = ((15.5, 0.002, 7000.0), (22.0, -0.003, 0.0))
+OWN = Path(__file__).with_name("own_effects.py")
 
 
 def make_campaign(
@@ -92,15 +93,7 @@ def test_a_missing_drag_shows_in_the_open_loop_of_surge(dragged):
 
 
 def test_a_patch_on_the_track_shows_at_its_place_when_restarted(tmp_path):
-    bump = tmp_path / "bump.py"
-    bump.write_text(
-        "import math\nfrom inductrack_ros.core.effects import Parameter, effect\n"
-        "@effect(adds='force_heave', parameters={'size': Parameter(20.0, 'N', 0.0, 100.0, 'pull', 'test')})\n"
-        "def patch(surge, size):\n"
-        "    '''A magnetised patch 5 m along the track.'''\n"
-        "    return -size * math.exp(-((surge - 5.0) / 0.4) ** 2)\n"
-    )
-    made = make_campaign(tmp_path / "c", Model.create(effects=["patch"], effect_files=[bump]))
+    made = make_campaign(tmp_path / "c", Model.create(effects=["patch"], effect_files=[OWN]))
     result = compare(load_campaign(made), Model.default())
     places = [s for s in result.stretches if s.by == "place"]
     worst = max(places, key=lambda s: s.restarted)

@@ -2,6 +2,7 @@
 """Effects that carry states start from the run's own conditions: its drive current, its pulses, wherever it is run."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,24 +15,12 @@ from inductrack_ros.estimation.structure import Structure
 from inductrack_ros.nodes.drive import PulseQueue
 from inductrack_ros.nodes.simulation import Simulation
 
-#: A drive whose force follows its current with half a second's delay: what it starts on shows for long.
-SOURCE = """
-from inductrack_ros.core.effects import effect
-
-
-@effect(changes="thrust", states={"built_up": "thrust"})
-def slow_drive(thrust, built_up):
-    \"\"\"A thrust that follows the averaged law with a lag of 0.5 s.\"\"\"
-    return built_up, 2.0 * (thrust - built_up)
-"""
 START = {"surge_rate": 22.0}
 
 
 @pytest.fixture(scope="module")
-def slow(tmp_path_factory):
-    file = tmp_path_factory.mktemp("slow") / "slow_drive.py"
-    file.write_text(SOURCE)
-    return Model.create(effects=["slow_drive"], effect_files=[file])
+def slow():
+    return Model.create(effects=["slow_drive"], effect_files=[Path(__file__).with_name("own_effects.py")])
 
 
 def travel(model, current, **settled):
