@@ -16,7 +16,7 @@ import pytest
 
 from inductrack_ros import cli
 from inductrack_ros.core.model import Model
-from inductrack_ros.core.state import CHANNEL, INDEX, STATES
+from inductrack_ros.core.state import CHANNEL, INDEX, INSTRUMENTS, STATES
 from inductrack_ros.data import load_campaign, read_csv
 from inductrack_ros.monitoring.monitor import SEEN, Monitor
 
@@ -26,10 +26,11 @@ SCALE = 1.03
 
 
 def recipe() -> str:
-    """The channel of CONTRIBUTING.md, as a file of a user's own."""
+    """The channel of CONTRIBUTING.md, as a file of a user's own. Named otherwise: who follows the recipe has it twice."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     block = next(b for b in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "@channel" in b)
-    return textwrap.dedent(block).replace("from . import", "from inductrack_ros.core.channels import")
+    own = textwrap.dedent(block).replace("from . import", "from inductrack_ros.core.channels import")
+    return own.replace("top_load", "own_load").replace("load cell", "own cell")
 
 
 def in_a_process_of_its_own(code: str, channels: str, **options) -> subprocess.CompletedProcess:
@@ -41,7 +42,7 @@ def in_a_process_of_its_own(code: str, channels: str, **options) -> subprocess.C
 def rig(folder: Path, channel: str) -> Path:
     """A rig with pose, twist and the channel, whose sensor reads 3 % too much."""
     file = folder / "rig.yaml"
-    others = {f"measured.{name}.rate": 0.0 for name in ("imu", "gap_top", "gap_right", "gap_left", "coil_current")}
+    others = {f"measured.{name}.rate": 0.0 for name in INSTRUMENTS}
     rates = others | {"measured.pose.rate": 200.0, "measured.twist.rate": 200.0, f"measured.{channel}.rate": 100.0}
     lines = [f"{n}: {v}" for n, v in rates.items()]
     lines += [f'effects: ["sensor_scale:{channel}"]', f'"sensor_scale:{channel}": {{scale: {SCALE}}}', "seed: 5"]
@@ -125,7 +126,7 @@ def test_a_channel_of_a_user_goes_through_all_commands(tmp_path):
     file = tmp_path / "load.py"
     file.write_text(recipe(), encoding="utf-8")
     code = f"import sys; sys.path.insert(0, {str(ROOT / 'test')!r}); from pathlib import Path; import test_channels;"
-    done = in_a_process_of_its_own(f"{code} test_channels.follow(Path({str(tmp_path)!r}), 'top_load')", str(file))
+    done = in_a_process_of_its_own(f"{code} test_channels.follow(Path({str(tmp_path)!r}), 'own_load')", str(file))
     assert done.returncode == 0, done.stderr[-3000:]
 
 
@@ -210,16 +211,16 @@ def test_columns_and_units_of_a_declared_channel(tmp_path):
     file, table = tmp_path / "load.py", tmp_path / "run.csv"
     file.write_text(recipe(), encoding="utf-8")
     table.write_text(
-        "time,surge [mm],load cell (kN),Coil Current [mA]\n" + "".join(f"{t},{t},0.1,{t}\n" for t in range(3))
+        "time,surge [mm],own cell (kN),Coil Current [mA]\n" + "".join(f"{t},{t},0.1,{t}\n" for t in range(3))
     )
     code = (
         "from inductrack_ros.data import read_csv; import sys\n"
         f"run = read_csv({str(table)!r})\n"
-        "print(run.channels, run['top_load'].tolist(), run.notes)"
+        "print(run.channels, run['own_load'].tolist(), run.notes)"
     )
     done = in_a_process_of_its_own(code, str(file))
-    assert "('surge', 'coil_current', 'top_load') [100.0, 100.0, 100.0]" in done.stdout, done.stdout + done.stderr
-    assert "converted to SI: surge from mm, top_load from kN, coil_current from mA" in done.stdout
+    assert "('surge', 'coil_current', 'own_load') [100.0, 100.0, 100.0]" in done.stdout, done.stdout + done.stderr
+    assert "converted to SI: surge from mm, own_load from kN, coil_current from mA" in done.stdout
 
 
 # ---------------------------------------------------------------- nodes

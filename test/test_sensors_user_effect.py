@@ -38,7 +38,8 @@ CHANNELS = ("surge", "sway", "heave", "roll")
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory):
-    """An effect file, and a campaign of four runs whose heave sensor creeps, as the node would have measured it."""
+    """An effect file, and a campaign of four runs whose heave sensor creeps, as the node would have measured it. In
+    ``two`` is one of two of them."""
     folder = tmp_path_factory.mktemp("creeping")
     file = folder / "creeping.py"
     file.write_text(SOURCE)
@@ -61,6 +62,9 @@ def rig(tmp_path_factory):
         lines.append(f"  - {{file: run_{i}.csv, drive_current: 0.0}}")
     noise = "noise_std: {surge: 5.0e-4, sway: 3.0e-5, heave: 3.0e-5, roll: 1.0e-4}"
     (folder / "campaign.yaml").write_text("\n".join([noise, "runs:", *lines, ""]))
+    (folder / "two").mkdir()
+    two = [line.replace("file: ", "file: ../") for line in lines[::2]]
+    (folder / "two" / "campaign.yaml").write_text("\n".join([noise, "runs:", *two, ""]))
     return folder, file, model
 
 
@@ -76,7 +80,7 @@ def test_compare_predicts_with_it_and_not_without(rig, tmp_path):
 
 def test_diagnosis_finds_it_and_its_parameters(rig, tmp_path):
     folder, file, _ = rig
-    assert main(["diagnose", str(folder), "--output", str(tmp_path / "out"), "--effects", str(file)]) == 0
+    assert main(["diagnose", str(folder / "two"), "--output", str(tmp_path / "out"), "--effects", str(file)]) == 0
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert found["verdict"] == "missing_effect"
     assert found["effects"] == ["creeping:heave"]
