@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from .nodes.domain import claim_domain
 SAMPLE = Path(__file__).resolve().parent.parent / "examples" / "sample_campaign"
 SECONDS = 6.0
 LOCKSTEP = ("-p", "lockstep:=true")  # the same on a busy machine, where real time would be missed
-PATIENCE = 120.0  # s; the first start compiles the model
+PATIENCE = 600.0  # s; the first start compiles the model, which takes minutes where others use the machine
 LEAVE = 30.0  # s after Ctrl-C; a node needs less than 15, whatever the middleware does
 
 
@@ -47,7 +48,7 @@ def record(folder: Path) -> str:
     folder.mkdir()
     with claim_domain(), (folder / "nodes.log").open("w", encoding="utf-8") as log:
         nodes = [
-            node("record", log, "--output", folder / "bag", "--duration", SECONDS),
+            node("record", log, "--output", folder / "bag", "--duration", SECONDS, "--stamp", "header"),
             node("track_controller", log, "--ros-args", "-p", "mode:=speed", *LOCKSTEP),
             node(
                 "sim",
@@ -63,13 +64,9 @@ def record(folder: Path) -> str:
             ),
         ]
         try:
-            status = nodes[0].wait(PATIENCE)
-        except subprocess.TimeoutExpired:
-            raise TimeoutError(f"nothing was recorded in {PATIENCE:g} s; see {folder / 'nodes.log'}") from None
+            recorded(*nodes, log=folder / "nodes.log")
         finally:
             end(nodes)
-    if status:
-        raise InputError(f"the recording failed with status {status}; see {folder / 'nodes.log'}")
     truth = {"pose": "/inductrack/pose", "twist": "/inductrack/twist"}
     run = read_bag(folder / "bag", {**truth, **dict.fromkeys(("imu", "gap_top", "gap_right", "gap_left"))})
     speed = run.values[:, run.channels.index("surge_rate")]
@@ -79,6 +76,19 @@ def record(folder: Path) -> str:
         f"{run.times[-1]:.1f} simulated seconds, {fired} drive pulses fired; "
         f"the unstable 15 m/s held at {speed.mean():.2f} ± {speed.std():.2f} m/s"
     )
+
+
+def recorded(recorder: subprocess.Popen, *others: subprocess.Popen, log: Path) -> None:
+    """Wait for the end of the recording. Raises `InputError` where a node fails, `TimeoutError` after `PATIENCE`."""
+    until = time.monotonic() + PATIENCE
+    while (status := recorder.poll()) is None:
+        if any(process.poll() is not None for process in others):
+            raise InputError(f"a node ended before the recording; see {log}")
+        if time.monotonic() > until:
+            raise TimeoutError(f"the recording has not ended in {PATIENCE:g} s; see {log}")
+        time.sleep(0.05)
+    if status:
+        raise InputError(f"the recording failed with status {status}; see {log}")
 
 
 def end(processes: list[subprocess.Popen]) -> None:

@@ -26,7 +26,7 @@ SCALE = 1.03
 
 
 def recipe() -> str:
-    """The channel of CONTRIBUTING.md, as a file of a user's own. Named otherwise: who follows the recipe has it twice."""
+    """The channel of CONTRIBUTING.md, as a file of a user's own; renamed, for who follows the recipe has it twice."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     block = next(b for b in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "@channel" in b)
     own = textwrap.dedent(block).replace("from . import", "from inductrack_ros.core.channels import")

@@ -5,14 +5,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import PointStamped, TwistStamped
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import SetBool, Trigger
 
 from inductrack_ros import cli, demo
+from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model, Pulses
 from inductrack_ros.core.state import FURTHER_SENSORS, STATES
 from inductrack_ros.data.bags import read_bag
@@ -161,13 +164,25 @@ def test_the_demo_records_a_run(tmp_path, monkeypatch):
     monkeypatch.setattr(demo, "SECONDS", 1.0)
     monkeypatch.setenv("ROS_DOMAIN_ID", "")  # it claims one of its own
     said = demo.record(tmp_path / "run")
-    assert "drive pulses fired" in said
+    # Simulated seconds: on a busy machine they take longer than a clock's.
+    assert said.startswith("1.0 simulated seconds") and "drive pulses fired" in said
     first: dict[str, int] = {}
     with Reader(tmp_path / "run" / "bag") as reader:
         for connection, _, raw in reader.messages():
             first.setdefault(connection.topic, record.stamp_ns(raw))
     late = {topic for topic, stamp in first.items() if stamp and not topic.endswith("_pulses")}
     assert len(first) > 15 and not late  # `listeners`: the recorder misses nothing
+
+
+def test_a_demo_whose_node_fails_does_not_wait_for_the_recording(tmp_path):
+    failed, recorder = subprocess.Popen(["false"]), subprocess.Popen(["sleep", "600"])
+    try:
+        failed.wait()
+        with pytest.raises(InputError, match="a node ended before the recording; see nodes.log"):
+            demo.recorded(recorder, failed, log=Path("nodes.log"))
+    finally:
+        recorder.kill()
+        recorder.wait()
 
 
 def test_out_of_step_the_pulses_come_in_time(ros):
