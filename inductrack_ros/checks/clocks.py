@@ -9,7 +9,7 @@ import numpy as np
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
-from .finding import IMPOSSIBLE, NOTE, SET_ASIDE, Finding, number, place
+from .finding import IMPOSSIBLE, NOTE, SET_ASIDE, Finding, number, place, spot
 
 #: Samples on each side from which the speed at a hole is taken.
 BESIDE = 8
@@ -103,8 +103,8 @@ def _broken(run: Run, i: int, usual: float) -> Finding | None:
         )
     if hole > levels.HOLE * usual and _went_on(run, i, hole, usual):
         text = (
-            f"the clock of {run.file.name} jumps ahead by {_lasting(hole)} at sample {i + 2}, while the cradle went on"
-            " as from one sample to the next"
+            f"the clock of {run.file.name} jumps ahead by {_lasting(hole)} at {spot(run, i + 1)}, while the cradle went"
+            " on as from one sample to the next"
         )
         return Finding(
             "clock_jump",
@@ -117,7 +117,7 @@ def _broken(run: Run, i: int, usual: float) -> Finding | None:
     if (hole > levels.SPLIT * usual and hole > run.duration - hole) or (
         hole > levels.PAUSE and hole > levels.PAUSE_STEPS * usual
     ):
-        text = f"{run.file.name} has a hole of {_lasting(hole)} before sample {i + 2} of {len(run.times)}"
+        text = f"{run.file.name} has a hole of {_lasting(hole)} before {spot(run, i + 1)} of {len(run.times)} samples"
         return Finding(
             "hole",
             IMPOSSIBLE,

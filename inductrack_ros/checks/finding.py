@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from ..core.plain_json import plain
 from ..core.state import UNITS
 from ..data import Run
+from ..data.bag_storage import is_bag
 
 #: Severities, worst first. IMPOSSIBLE: the data cannot be meant as they are written, so no physics is named.
 #: SET_ASIDE: these samples are left out, the rest is used. WARNING: it may mislead. NOTE: good to know.
@@ -84,32 +84,27 @@ def impossible(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def place(run: Run, sample: int) -> str:
-    """Where a sample stands: file, row as an editor counts (of a CSV) and time."""
-    row = _row(run, sample)
-    where = f", row {row}," if row else f", message {sample + 1}," if run.stamps.dtype.kind == "i" else ""
+    """Where a sample stands: file, row (as an editor counts) or message, and time."""
+    where = "" if run.numbers is None else f", {spot(run, sample)},"
     return f"{run.file.name}{where} at {run.times[sample]:.6g} s"
 
 
-def _row(run: Run, sample: int) -> int | None:
-    """Row of a sample in its CSV; None where the file's rows of numbers are not the run's samples one by one."""
-    if run.file.suffix.lower() != ".csv":
-        return None
-    rows = []
-    try:
-        with run.file.open(encoding="utf-8-sig", errors="replace") as lines:
-            rows = [number for number, line in enumerate(lines, 1) if _NUMBERS.match(line)]
-    except OSError:
-        return None
-    return rows[sample] if len(rows) == len(run.times) else None
+def spot(run: Run, sample: int) -> str:
+    """The row of a CSV, or the message of a bag's pose, that a sample is; its number in the run where it is neither."""
+    if run.numbers is None or len(run.numbers) != len(run.times):
+        return f"sample {sample + 1}"
+    return f"{'message' if of_a_bag(run) else 'row'} {run.numbers[sample]}"
 
 
-#: A row of numbers, perhaps in quotes, perhaps with its first cell empty.
-_NUMBERS = re.compile(r"""\s*["']?([-+.\d]|[,;\t]\s*["']?[-+.\d])""")
+def of_a_bag(run: Run) -> bool:
+    """Whether a run comes out of a bag, not out of a table with a header."""
+    return is_bag(run.file)
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number as a message shows it."""
-    return f"{value:.{digits}g}"
+    """A number as a message shows it, with as few signs as its digits need."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
 def quantity(channel: str, value: float) -> str:

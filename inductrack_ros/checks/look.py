@@ -107,9 +107,9 @@ def _without(run: Run, findings: list[Finding]) -> Run:
     start = run.times[kept][0]
     pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
     inputs = {name: (times - start, readings) for name, (times, readings) in run.inputs.items()}
-    return replace(
-        run, values=values[kept], times=run.times[kept] - start, stamps=run.stamps[kept], pulses=pulses, inputs=inputs
-    )
+    samples = {"values": values[kept], "times": run.times[kept] - start, "stamps": run.stamps[kept]}
+    numbers = None if run.numbers is None else run.numbers[kept]
+    return replace(run, **samples, numbers=numbers, pulses=pulses, inputs=inputs)
 
 
 def _causes_only(findings: list[Finding]) -> list[Finding]:

@@ -22,7 +22,7 @@ from ..core.errors import InputError, one_line
 from .bag_storage import METADATA, ROS1, SQLITE, head_of, storage_files
 from .file_kinds import kind_of
 from .mcap_salvage import MAGIC, salvage, zstd
-from .sqlite_files import whole_database
+from .sqlite_files import tables_of, whole_database
 
 ZSTD = b"\x28\xb5\x2f\xfd"
 
@@ -126,7 +126,11 @@ def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
             " that folder"
         )
     if head.startswith(SQLITE):
-        return _File(_under(whole_database(path, file, folder, notes), folder, ".db3"), file)
+        database = whole_database(path, file, folder, notes)
+        if (tables := tables_of(database)) is not None and not {"topics", "messages"} <= set(tables):
+            held = f"it holds {', '.join(tables[:4])}" if tables else "it is empty"
+            raise InputError(f"{file}: is an SQLite database, but no rosbag2: no tables topics and messages ({held})")
+        return _File(_under(database, folder, ".db3"), file)
     if not head:
         raise InputError(f"{file}: empty, the recording was cut off; record it again")
     if not head.startswith(MAGIC):

@@ -37,12 +37,14 @@ ASKEW = 0.05
 
 @dataclass
 class Stream:
-    """What one topic gave: stamps (n,) in ns, names of its columns, and these, (n,) each, NaN where not measured."""
+    """What one topic gave: stamps (n,) in ns, names of its columns, and these, (n,) each, NaN where not measured; the
+    number of each message on the topic, from 1."""
 
     topic: str
     stamps: NDArray[np.int64]
     names: tuple[str, ...]
     columns: list[Array]
+    numbers: NDArray[np.int32]
 
 
 def read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict[str, Stream]:
@@ -155,6 +157,7 @@ class _Reading:
         self._pending = array("d")  # numbers that are not in the columns yet
         self._lost = 0  # messages whose numbers are NaN or infinite
         self._blank = array("b")  # of poses: 1 where the orientation is 0
+        self._wrong, self._off = 0, (0, 0.0)  # poses without a unit quaternion; number and length of the first
         self._askew = 0.0  # rad, the most that a pose is turned otherwise than by its roll
 
     def add(self, stamp: int, numbers: tuple[float, ...]) -> None:
@@ -170,8 +173,9 @@ class _Reading:
         self._settle()
         self._judge_damage(notes)
         stamps, columns = np.array(self._stamps, np.int64), [np.array(c) for c in self._columns]
+        numbers = np.arange(1, len(stamps) + 1, dtype=np.int32)
         if self.key == "pulses":  # two may share a stamp, and a command may be sent before an earlier one
-            return Stream(self.topic, stamps, COLUMNS[self.key], columns)
+            return Stream(self.topic, stamps, COLUMNS[self.key], columns, numbers)
         if len(stamps) > 1 and not stamps.any():
             raise InputError(
                 f"{self.where}: header stamps are 0; fill header.stamp before publishing{self._or_leave_out()}"
@@ -191,8 +195,8 @@ class _Reading:
         index, said = in_order(stamps, columns, place)
         notes += said
         if index is not None:
-            stamps, columns = stamps[index], [c[index] for c in columns]
-        return self._measured(stamps, columns, notes)
+            stamps, columns, numbers = stamps[index], [c[index] for c in columns], numbers[index]
+        return self._measured(stamps, columns, numbers, notes)
 
     def _or_leave_out(self) -> str:
         return "" if self.key == "pose" else f", or leave the topic out with topics: {{{self.key}: null}}"
@@ -209,7 +213,9 @@ class _Reading:
             )
         notes.append(f"{of_all} on {self.topic} are damaged and left out ({self.damage[:80]})")
 
-    def _measured(self, stamps: NDArray[np.int64], columns: list[Array], notes: list[str]) -> Stream:
+    def _measured(
+        self, stamps: NDArray[np.int64], columns: list[Array], numbers: NDArray[np.int32], notes: list[str]
+    ) -> Stream:
         """The stream without the messages and the columns that hold nothing."""
         there = np.zeros(len(stamps), bool)
         for column in columns:
@@ -220,7 +226,7 @@ class _Reading:
                 f"covariance of -1); leave the topic out with topics: {{{self.key}: null}}"
             )
         if not there.all():
-            stamps, columns = stamps[there], [c[there] for c in columns]
+            stamps, columns, numbers = stamps[there], [c[there] for c in columns], numbers[there]
         held = {n: c for n, c in zip(COLUMNS[self.key], columns, strict=True) if not np.isnan(c).all()}
         if len(held) < len(columns):
             notes.append(
@@ -230,7 +236,7 @@ class _Reading:
         if "roll" in held:  # an angle recorded as a quaternion comes back within ±π; the model's does not jump
             known = ~np.isnan(held["roll"])
             held["roll"][known] = np.unwrap(held["roll"][known])
-        return Stream(self.topic, stamps, tuple(held), list(held.values()))
+        return Stream(self.topic, stamps, tuple(held), list(held.values()), numbers)
 
     def _settle(self) -> None:
         """Convert what is pending and put it into the columns."""
@@ -267,10 +273,9 @@ class _Reading:
         wrong = (length != 0) & ((length < UNIT[0]) | (length > UNIT[1]))
         if wrong.any():
             i = int(np.argmax(wrong))
-            raise InputError(
-                f"{self.where}: message {len(self._blank) - len(length) + i + 1} has an orientation of length"
-                f" {length[i]:.3g}, no unit quaternion; normalise it, or publish w = 1 for none"
-            )
+            self._off = self._off if self._wrong else (len(self._blank) - len(length) + i + 1, float(length[i]))
+            self._wrong += int(wrong.sum())
+            numbers[wrong] = np.nan
         upright = np.where((length == 0)[:, None], [0.0, 0.0, 0.0, 1.0], numbers[:, 3:])
         turned = 2.0 * np.arcsin(
             np.minimum(np.hypot(upright[:, 1], upright[:, 2]) / np.where(length, length, 1.0), 1.0)
@@ -281,6 +286,12 @@ class _Reading:
     def _judge_orientations(self, columns: list[Array], notes: list[str]) -> None:
         """An orientation of 0 in all poses: a tracker of places only. In some: it had lost what it tracks, and its
         place too."""
+        if self._wrong:
+            first, length = self._off
+            text = f"message {first} has an orientation of length {length:.3g}, no unit quaternion"
+            if 2 * self._wrong >= self.count:
+                raise InputError(f"{self.where}: {text}; normalise it, or publish w = 1 for none")
+            notes.append(f"{self._wrong} of {self.count} poses on {self.topic} are not measured: {text}")
         if self.key != "pose" or not any(self._blank):
             return
         blank = np.array(self._blank, bool)

@@ -97,6 +97,11 @@ def _found(path: Path, inside: list[Path], notes: list[str]) -> list[Path]:
         if ros1 is not None:
             return [ros1]
         held = _names(sorted(path.iterdir())[:3])
+        bags = [p for p in sorted(path.iterdir()) if p.is_dir() and any(map(_is_storage, p.iterdir()))]
+        if bags:
+            raise InputError(
+                f"{path}: a folder of {len(bags)} bag{'s' * (len(bags) > 1)}; name one: {_names(bags[:4])}"
+            )
         raise InputError(
             f"{path}: not a rosbag2 folder: neither {METADATA} nor a .mcap or .db3 in it"
             + (f"; it holds {held}" if held else "")

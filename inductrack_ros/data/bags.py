@@ -124,6 +124,7 @@ def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity:
         times=_seconds(stamps, stamps[0]),
         values=values,
         stamps=stamps,
+        numbers=pose.numbers if len(stamps) == len(pose.stamps) else None,
         seconds_stated=True,
         pulses=_pulses(path, streams.get("pulses"), stamps[0]),
         notes=tuple(notes),

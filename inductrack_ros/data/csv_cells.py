@@ -11,6 +11,12 @@ from ..core.errors import InputError
 #: Cells that say "not measured", in small letters.
 NOTHING = ("", "nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "nat")
 NOTHING += ("na", "n/a", "n.a.", "null", "none", "<na>", "#n/a")
+NOTHING += ("1.#qnan", "-1.#qnan", "1.#qnan0", "1.#ind", "-1.#ind", "1.#ind00", "-1.#ind00")
+#: Words by which instruments say that there is no reading, and what stands in a cell that was too narrow for it.
+NO_READING = (
+    "over overflow overrange overload ovld ol ofl under underflow invalid error err bad fault open nodata".split()
+)
+NO_READING += ["no data", "over range", "out of range", "bad input", *("*" * n for n in range(1, 25))]
 #: Between cells, the likelier first; a blank stands for any number of blanks and tabs.
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENT = re.compile(r"\s*(#|%|//)")
@@ -20,13 +26,16 @@ _GROUPED = re.compile(r"[+-]?\d{1,3}([.,' ’]\d{3})+([.,]\d*)?")
 _MONTHS = "jan|feb|mar|apr|may|mai|jun|jul|aug|sep|oct|okt|nov|dec|dez"
 #: The beginning of a date or a time of day.
 _DATE = re.compile(
-    rf"\d{{1,4}}[-./]\d{{1,3}}[-./T ]\d|\d+:\d\d|\d{{8}}[T ]\d|\d{{1,4}}[-./ ]({_MONTHS})|({_MONTHS})[a-z]*[-. ]+\d",
+    rf"\d{{1,4}}[-./]\d{{1,3}}[-./T ]\d|\d+:\d\d|\d{{8}}[T ]\d|\d{{1,4}}[-./ ]({_MONTHS})|({_MONTHS})[a-z]*[-. ]+\d"
+    r"|(mon|tue|wed|thu|fri|sat|sun)[a-z]*[,. ]+(\d|[a-z])",
     re.IGNORECASE | re.ASCII,
 )
 #: Numbers with a comma, with a point, and with commas where those of thousands would stand.
 _COMMA = re.compile(r"[+-]?[\d.]*,[\d.,]*([eE][+-]?\d+)?", re.ASCII)
 _POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?", re.ASCII)
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{2,3})*,\d{3}(\.\d*)?", re.ASCII)
+#: A line between header and rows.
+_RULE = re.compile(r"[-=+:_|\s]*[-=_]{3}[-=+:_|\s]*")
 
 
 def split(line: str, separator: str) -> list[str]:
@@ -65,6 +74,11 @@ def is_words(cells: list[str]) -> bool:
     return any(re.search(r"[^\W\d]|[°%]", cell) for cell in words) and not any(
         number(cell) is not None or re.match(r"[\d+.]|-\W*\d", cell) or cell.lower() in NOTHING for cell in words
     )
+
+
+def is_rule(line: str) -> bool:
+    """Whether a row is only a line drawn below a header."""
+    return _RULE.fullmatch(line) is not None
 
 
 def is_data(cells: list[str]) -> bool:

@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.state import CHANNELS
-from .csv_cells import NOTHING, is_grouped, is_time, number, shown, split
+from .csv_cells import NO_READING, NOTHING, is_grouped, is_time, number, shown, split
 from .csv_header import TIME, known_name
 from .csv_layout import INPUT, Column, Layout, find_layout
+from .csv_rows import rows_of_data
 from .csv_text import read_text
-from .csv_times import is_of_day, read_times, whole_nanoseconds
+from .csv_times import is_of_day, nanoseconds, needs_integers, read_times, unwrapped, whole_nanoseconds
 from .measurement import Array, Run
 from .order import Place, in_order
 
+_NO_READING = re.compile(rb"(?i)\b(?:" + b"|".join(w.encode() for w in NO_READING if w[0] != "*") + rb")\b|\*")
 #: Further cells that say "not measured", as spreadsheets and people write it.
 EMPTY = ("-", "--", "---", "?", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?")
 
@@ -41,14 +43,16 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
     file, notes = Path(file), []
     data = read_text(file, notes)
     layout = find_layout(file, data, dict(inputs or {}), notes)
-    table = _Table(file, layout, _body(file, data, layout, notes))
+    table = _Table(file, layout, rows_of_data(file, data, layout, notes))
     del data
     stamps, columns = table.read(notes)
+    numbers = table.numbers()
     place = Place(f"{file}", lambda i: f"row {table.row(i)}", "row", "correct the times, or make two files of two runs")
     index, said = in_order(stamps, list(columns.values()), place)
     notes += said
     if index is not None:
         stamps, columns = stamps[index], {n: c[index] for n, c in columns.items()}
+        numbers = numbers[index]
     if len(stamps) < 2:
         raise InputError(f"{file}: {len(stamps)} row{'' if len(stamps) == 1 else 's'} of data; a run needs at least 2")
     channels = tuple(c for c in CHANNELS if c in columns)
@@ -60,100 +64,11 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
         times=times,
         values=np.column_stack([columns.pop(c) for c in channels]),
         stamps=stamps,
-        seconds_stated=bool(table.time.unit) or stamps.dtype.kind == "i",
+        numbers=numbers,
+        seconds_stated=bool(table.time.unit) or table.dated,
         inputs={n.removeprefix(INPUT): (times[~np.isnan(c)], c[~np.isnan(c)]) for n, c in columns.items()},
         notes=tuple(notes),
     )
-
-
-# ---------------------------------------------------------------- rows
-
-
-def _body(file: Path, data: bytes, layout: Layout, notes: list[str]) -> bytes:
-    """The rows from the first of data on, each with the same number of cells, unquoted; rows that hold nothing are
-    empty."""
-    body, separator = data[layout.start :], layout.separator.encode()
-    if again := len(re.findall(layout.header, body)):
-        body = re.sub(layout.header, b"", body)  # a logger that was started again writes its header again
-        notes.append(f"{again} more header{'' if again == 1 else 's'} between the rows left out")
-    if re.search(rb"(?m)^[ \t]*(#|%|//)", body):
-        body = re.sub(rb"(?m)^[ \t]*(#|%|//).*$", b"", body)
-    if separator == b" ":
-        body = _without_blanks(body.replace(b"\t", b" ")).replace(b" ", b"\t")
-        separator = b"\t"
-    elif b" " in body:
-        body = _without_blanks(body, separator)
-    if b'"' in body:
-        body = _unquoted(file, body, layout, separator)
-    if re.search(rb"(?m)^[\s" + re.escape(separator) + rb"]*$", body):
-        body = re.sub(rb"(?m)^[ \t\v\f" + re.escape(separator) + rb"]+$", b"", body)
-    return _complete(file, body, layout, separator, notes) if body.strip() else b""
-
-
-def _without_blanks(body: bytes, separator: bytes = b"") -> bytes:
-    """One blank for many, and none at the ends of rows and beside separators. Replacing is fast and takes little
-    memory."""
-    while b"  " in body:
-        body = body.replace(b"  ", b" ")
-    for end in (b"\n", separator):
-        if end:
-            body = body.replace(end + b" ", end).replace(b" " + end, end)
-    return body.removeprefix(b" ")
-
-
-def _unquoted(file: Path, body: bytes, layout: Layout, separator: bytes) -> bytes:
-    """Cells without their quotes; a separator inside quotes is a decimal comma or part of a text, which is not read."""
-    text = np.frombuffer(body, np.uint8)
-    quotes = np.flatnonzero(text == ord('"'))
-    inside = np.searchsorted(quotes, np.flatnonzero((text == separator[0]) | (text == ord("\n")))) % 2
-    if not inside.any():
-        return body.replace(b'"', b"")
-    rows = []
-    for i, line in enumerate(body.split(b"\n")):
-        if line.count(b'"') % 2:
-            raise InputError(f"{file}, row {layout.first_row + i}: a quote that is not closed; close it or delete it")
-        if b'"' in line:
-            cells = re.split(rb'("[^"]*")', line)
-            inner = b"." if layout.decimal == "," and separator == b"," else b" "
-            line = b"".join(c.strip(b'"').replace(separator, inner) if c.startswith(b'"') else c for c in cells)
-        rows.append(line)
-    return b"\n".join(rows)
-
-
-def _complete(file: Path, body: bytes, layout: Layout, separator: bytes, notes: list[str]) -> bytes:
-    """Judge the number of cells in each row: all may end with a separator more, the last one may be cut off."""
-    text = np.frombuffer(body, np.uint8)
-    ends = np.flatnonzero(text == ord("\n"))
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    before = np.searchsorted(np.flatnonzero(text == separator[0]), [starts, ends])
-    cells, used = before[1] - before[0] + 1, ends > starts
-    wrong = np.flatnonzero(used & (cells != layout.cells))
-    if len(wrong) and (cells[wrong] == layout.cells + 1).all() and (text[ends[wrong] - 1] == separator[0]).all():
-        return (
-            re.sub(rb"(?m)" + re.escape(separator) + rb"$", b"", body)
-            if len(wrong) == used.sum()
-            else _trimmed(body, wrong, starts, ends)
-        )
-    if not len(wrong):
-        return body
-    first, last = int(wrong[0]), int(np.flatnonzero(used)[-1])
-    if first == last and cells[first] < layout.cells and used.sum() > 2:
-        notes.append(f"the last row ({layout.first_row + first}) is cut off and left out")
-        return body[: starts[first]]
-    remedy = "complete the row or delete it"
-    if len(wrong) == used.sum() > 1 and (cells[wrong] == cells[first]).all():
-        remedy = "as in all rows; name each column in the header"
-        if cells[first] >= 2 * layout.cells - 1 and separator == b",":
-            remedy = "as in all rows; decimal commas need semicolons between the cells"
-    counts = f"{cells[first]} cell{'' if cells[first] == 1 else 's'} where the header names {layout.cells}"
-    raise InputError(f"{file}, row {layout.first_row + first}: {counts}; {remedy}")
-
-
-def _trimmed(body: bytes, rows: NDArray[np.intp], starts: NDArray[np.intp], ends: NDArray[np.intp]) -> bytes:
-    """The body with the last byte of some rows taken off."""
-    kept = np.ones(len(body), bool)
-    kept[ends[rows] - 1] = False
-    return np.frombuffer(body, np.uint8)[kept].tobytes()
 
 
 # ---------------------------------------------------------------- cells
@@ -166,6 +81,8 @@ class _Table:
         self.file, self.layout, self.body = file, layout, body
         self.known = {c.name for c in layout.columns} | set(CHANNELS)
         self.time = next(c for c in layout.columns if c.name == TIME)
+        self.first = self._first_time()
+        self.dated = is_time(self.first) and not is_grouped(self.first)
 
     def rows(self) -> Iterator[tuple[int, str]]:
         """Row number as an editor shows it, and text, of every row of data."""
@@ -177,6 +94,11 @@ class _Table:
         """The editor's number of a row of the table."""
         return next(number for i, (number, _) in enumerate(self.rows()) if i == index)
 
+    def numbers(self) -> NDArray[np.int32]:
+        """(n,) The editor's number of every row of the table."""
+        ends = np.flatnonzero(np.frombuffer(self.body + b"\n", np.uint8) == ord("\n"))
+        return (np.flatnonzero(np.diff(ends, prepend=-1) > 1) + self.layout.first_row).astype(np.int32)
+
     def error(self, index: int, column: Column, message: str) -> InputError:
         return InputError(f"{self.file}, row {self.row(index)}, column '{column.header}': {message}")
 
@@ -184,9 +106,15 @@ class _Table:
         """Stamps (n,), s or whole ns, and the columns (n,) by name, SI; NaN where not measured."""
         if not self.body.strip():
             return np.empty(0), {}
-        dated = self._first_time()
-        frame = self._parsed({self.time.place: str} if dated else {})
-        stamps = self._dates(frame[self.time.place], notes) if dated else self._times(frame[self.time.place].to_numpy())
+        exact = not self.dated and needs_integers(self.first, self.layout.decimal, self.time.factor)
+        frame = self._parsed({self.time.place: str} if self.dated or exact else {})
+        times = frame.pop(self.time.place)
+        if self.dated:
+            stamps = self._dates(times, notes)
+        else:
+            stamps = self._times(self._whole(times) if exact else times.to_numpy())
+            stamps, said = unwrapped(stamps)
+            notes += said
         columns = {}
         for column in self.layout.columns:
             if column.name == TIME:
@@ -198,6 +126,7 @@ class _Table:
                 notes.append(f"column {shown(column.header)} is empty from top to bottom and left out")
             else:
                 columns[column.name] = values * column.factor if column.factor != 1.0 else values
+        self._say_no_reading(notes)
         if not set(columns) & set(CHANNELS):
             raise InputError(f"{self.file}: every channel is empty from top to bottom; nothing was measured")
         return stamps, columns
@@ -224,7 +153,7 @@ class _Table:
                     dtype=kinds,
                     na_values=[
                         write(cell)
-                        for cell in (*NOTHING, *EMPTY)
+                        for cell in (*NOTHING, *EMPTY, *NO_READING)
                         for write in (str.lower, str.upper, str.title, _as_computed)
                     ],
                     skip_blank_lines=True,
@@ -239,9 +168,27 @@ class _Table:
             self._name_the_cell([c for c in self.layout.columns if kinds[c.place] is float], decimal)
             raise InputError(f"{self.file}: cannot be read as a table ({' '.join(str(error).split())[:160]})") from None
 
+    def _say_no_reading(self, notes: list[str]) -> None:
+        """Cells by which an instrument says that there is no reading, for each column."""
+        if not _NO_READING.search(self.body):
+            return
+        separator = "\t" if self.layout.separator == " " else self.layout.separator
+        said: dict[int, list[tuple[int, str]]] = {}
+        for row, line in self.rows():
+            if _NO_READING.search(line.encode()):
+                cells = [cell.strip() for cell in line.split(separator)]
+                for place, cell in enumerate(cells):
+                    if cell.lower() in NO_READING:
+                        said.setdefault(place, []).append((row, cell))
+        for column in self.layout.columns:
+            if found := said.get(column.place):
+                row, cell = found[0]
+                cells = "1 cell" if len(found) == 1 else f"{len(found)} cells"
+                notes.append(f"{cells} of {shown(column.header)} without a reading, as {shown(cell)} in row {row}")
+
     def _name_the_cell(self, columns: list[Column], decimal: str) -> None:
         """Raise InputError for the first cell that is no number. Slow and exact."""
-        empty = {*NOTHING, *(cell.lower() for cell in EMPTY)}
+        empty = {*NOTHING, *NO_READING, *(cell.lower() for cell in EMPTY)}
         separator = "\t" if self.layout.separator == " " else self.layout.separator
         for row, line in self.rows():
             cells = line.split(separator)
@@ -261,14 +208,29 @@ class _Table:
     # -- time
 
     def _first_time(self) -> str:
-        """The first time where it is a date or a time of day, else nothing."""
+        """The cell of the first time; nothing where there are no rows."""
         for _, line in self.rows():
             cells = split(line, "\t" if self.layout.separator == " " else self.layout.separator)
-            cell = cells[self.time.place] if self.time.place < len(cells) else ""
-            return cell if is_time(cell) and not is_grouped(cell) else ""
+            return cells[self.time.place] if self.time.place < len(cells) else ""
         return ""
 
-    def _times(self, times: Array) -> Array:
+    def _whole(self, cells: Any) -> Array | NDArray[np.int64]:
+        """Times as whole ns; as numbers where a cell is empty or infinite, which is said of these."""
+        separator = "\t" if self.layout.separator == " " else self.layout.separator
+        decimal = "." if separator == "," else self.layout.decimal
+        text = cells.str.strip().to_list()
+        whole = [nanoseconds(c, decimal, self.time.factor) if isinstance(c, str) else None for c in text]
+        if None in whole:
+            numbers = [number(c, decimal) if isinstance(c, str) else float("nan") for c in text]
+            if None in numbers:
+                self._name_the_cell([self.time], decimal)
+            return np.array(numbers, float)
+        return np.array(whole, np.int64)
+
+    def _times(self, times: Array | NDArray[np.int64]) -> Array | NDArray[np.int64]:
+        """Times in SI. Raises InputError where one is missing or infinite."""
+        if times.dtype.kind == "i":
+            return times
         if np.isnan(times).any():
             raise InputError(
                 f"{self.file}, row {self.row(int(np.argmax(np.isnan(times))))}: no time; fill it in or delete the row"

@@ -5,18 +5,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core.errors import InputError
 from ..core.state import CHANNEL, CHANNELS
-from .csv_cells import COMMENT, SEPARATORS, is_data, is_time, is_words, number, split
+from .csv_cells import COMMENT, SEPARATORS, is_data, is_rule, is_time, is_words, number, split
 from .units import SI, any_factor, factor
 
 TIME = "time"
 #: Other names of the time.
 _TIME_NAMES = (
-    "t timestamp time_stamp stamp zeit temps datetime date_time elapsed elapsed_time relative_time rel_time seconds"
+    "t timestamp time_stamp stamp zeit temps datetime date_time date/time elapsed elapsed_time relative_time rel_time"
+    " seconds x_value"
 ).split()
 #: Further names of channels, as they declare them.
 _ALIASES = {alias: name for name in CHANNELS for alias in CHANNEL[name].columns}
@@ -28,7 +29,8 @@ WORDS = 5
 
 @dataclass(frozen=True)
 class Header:
-    """A row that may be the header: its number, its text, its separator, its cells, and the byte behind it."""
+    """A row that may be the header: its number, its text, its separator, its cells, the byte behind it, and the units
+    in a row of their own above it (or none)."""
 
     row: int
     text: str
@@ -38,6 +40,7 @@ class Header:
     known: int = 0  # of its names, each once
     units: int = 0  # of its names that carry one
     time: int | None = None  # place of the time among them
+    above: tuple[str, ...] = ()
 
     def says_more_than(self, other: Header | None) -> bool:
         """Whether this row is the likelier header, or as likely and nearer to the data."""
@@ -51,7 +54,8 @@ def find_header(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
 
     ``inputs``: names of further columns that count as known, as values. Raises InputError for a table without header.
     """
-    stated, passed, comment, first, best = "", [], None, None, None
+    stated, comment, first, best = "", None, None, None
+    passed: list[Header] = []
     for row, text, end in _lines(data):
         if not text.strip():
             continue
@@ -73,36 +77,47 @@ def find_header(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
         first = first or found
         if found.says_more_than(best):
             best = found
-        passed.append(row)
+        passed.append(found)
     header = best or first
     if header is None:
         raise InputError(f"{file}: no table; it needs a header with 'time' and channels, and at least 2 rows")
-    above = sum(row < header.row for row in passed)
-    if above and best:
-        notes.append(f"{above} row{'' if above == 1 else 's'} before the header left out")
+    above = [row for row in passed if row.row < header.row] if best else []
+    units = _units(split(above[-1].text, header.separator)) if above else []
+    if units and len(units) == len(header.names):
+        header, above = replace(header, above=tuple(units)), above[:-1]
+    if above:
+        notes.append(f"{len(above)} row{'' if len(above) == 1 else 's'} before the header left out")
     return header
 
 
 def rows_below(data: bytes, header: Header, notes: list[str]) -> tuple[int, list[str], int]:
-    """The row where data begin, the units in a row of their own (or none), and the byte of that first row. Rows of
-    words, which describe the columns, are left out."""
+    """The row where data begin, the units in a row of their own below the header or above it (or none), and the byte of
+    that first row. Rows of words, which describe the columns, are left out."""
     row, start = header.row + 1, header.end
     units: list[str] = []
     passed = 0
     for _ in range(WORDS):
         end = data.find(b"\n", start)
-        cells = split(data[start : max(end, start)].decode(errors="replace"), header.separator)
-        if end < 0 or not is_words(cells):
+        line = data[start : max(end, start)].decode(errors="replace")
+        cells = split(line, header.separator)
+        if end < 0 or not (is_words(cells) or is_rule(line)):
             break
         bare = [cell.strip("[](){}<> ") for cell in cells]
         if not units and any(any_factor(unit) is not None for unit in bare if unit not in ("-", "1")):
             units = bare
-        else:
+        elif not is_rule(line):
             passed += 1
         row, start = row + 1, end + 1
     if passed:
         notes.append(f"{passed} row{'' if passed == 1 else 's'} of words below the header left out")
-    return row, units, start
+    return row, units or list(header.above), start
+
+
+def _units(cells: list[str]) -> list[str]:
+    """The units in a row that holds nothing else; none where it does."""
+    bare = [cell.strip("[](){}<> ") for cell in cells]
+    said = [unit for unit in bare if unit not in ("", "-", "1")]
+    return bare if said and all(any_factor(unit) is not None for unit in said) else []
 
 
 # ---------------------------------------------------------------- rows
@@ -138,7 +153,7 @@ def _header(row: int, text: str, end: int, stated: str, inputs: dict[str, str]) 
 
 def _is_below(cells: list[str], header: Header) -> bool:
     """Whether a row belongs to the data below a header."""
-    if header.time is None or header.known < 2:
+    if header.time is None or header.known < 2 and (header.time > 0 or len(cells) != len(header.names)):
         return is_data(cells)
     cell = cells[header.time] if header.time < len(cells) else ""
     return number(cell) is not None or is_time(cell)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..core.errors import InputError, did_you_mean
 from ..core.state import CHANNELS
-from .csv_cells import decimal_sign, shown, split
+from .csv_cells import SEPARATORS, decimal_sign, shown, split
 from .csv_header import TIME, Header, find_header, known_name, parts, plain, rows_below
 from .units import SI, any_factor, factor
 
@@ -19,6 +19,7 @@ INPUT = "input:"
 _DATED = re.compile(r"(utc|gmt|local|iso).*|.*(hh?\W?mm|yyyy).*", re.IGNORECASE)
 #: Bytes by which the decimal sign is told.
 SAMPLE = 20_000
+_CALLED = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
 
 
 @dataclass(frozen=True)
@@ -53,17 +54,31 @@ def find_layout(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
     """
     header = find_header(file, data, inputs, notes)
     row, units, start = rows_below(data, header, notes)
-    names = _without_empty_end(header, data, start)
+    first = next(
+        (line.decode(errors="replace") for line in data[start : start + SAMPLE].split(b"\n") if line.strip()), ""
+    )
+    separator = _of_the_rows(header, first, notes)
+    names = _without_empty_end(header, len(split(first, separator)))
     columns = _judge(f"{file}, row {header.row}", names, units, inputs, notes)
-    decimal = _decimal(file, row, data, start, header.separator)
+    decimal = _decimal(file, row, data, start, separator)
     again = re.compile(rb"(?mi)^" + re.escape(header.text.strip().encode()) + rb"[ \t\r]*$")
-    return Layout(header.separator, decimal, len(names), columns, row, start, again)
+    return Layout(separator, decimal, len(names), columns, row, start, again)
 
 
-def _without_empty_end(header: Header, data: bytes, start: int) -> list[str]:
-    """The header's names; nameless ones at its end only where the first row has cells for them."""
-    first = next((line for line in data[start : start + SAMPLE].split(b"\n") if line.strip()), b"")
-    cells = len(split(first.decode(errors="replace"), header.separator))
+def _of_the_rows(header: Header, first: str, notes: list[str]) -> str:
+    """The separator of the rows, of which ``first`` is the first: the header's, but where that leaves one cell and
+    another as many as there are names."""
+    if len(header.names) < 2 or len(split(first, header.separator)) != 1:
+        return header.separator
+    for separator in SEPARATORS:
+        if len(split(first, separator)) == len(header.names):
+            notes.append(f"the rows are separated by {_CALLED[separator]}, the header by {_CALLED[header.separator]}")
+            return separator
+    return header.separator
+
+
+def _without_empty_end(header: Header, cells: int) -> list[str]:
+    """The header's names; nameless ones at its end only where the first row has ``cells`` for them."""
     names = list(header.names)
     while len(names) > max(cells, 1) and not names[-1]:
         names.pop()

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dates and times of day as loggers and spreadsheets write them."""
+"""Times as loggers and spreadsheets write them: dates, times of day, numbers too long for a float, counters that
+wrap."""
 
 from __future__ import annotations
 
+import math
 import re
+from decimal import Decimal, InvalidOperation
 from typing import Any
 
 import numpy as np
@@ -11,6 +14,52 @@ from numpy.typing import NDArray
 
 #: ns of a day.
 DAY = 86_400_000_000_000
+#: From so many s on a float resolves no ns; beyond so many whole ns have no room.
+COARSE, NO_ROOM = 2.0**22, 9.2e9
+#: Counters that wrap (s) and what they count. One wraps where it then has gone on by no more than so many usual steps.
+WRAPS = (
+    (2**16 * 1e-3, "16 bits of ms"),
+    (2**32 * 1e-9, "32 bits of ns"),
+    (2**32 * 1e-6, "32 bits of µs"),
+    (2**32 * 1e-3, "32 bits of ms"),
+)
+WENT_ON = 5.0
+
+
+def needs_integers(cell: str, decimal: str, factor: float) -> bool:
+    """Whether a time, of a unit of ``factor`` s, is too long for a float to hold its ns, as times since 1970 are."""
+    try:
+        seconds = abs(float(cell.replace(decimal, "."))) * factor
+    except ValueError:
+        return False
+    return COARSE < seconds < NO_ROOM and factor in (1.0, 1e-3, 1e-6, 1e-9)
+
+
+def nanoseconds(cell: str, decimal: str, factor: float) -> int | None:
+    """A time of a unit of ``factor`` s as whole ns, exactly; None where it is no number, or too large."""
+    try:
+        value = Decimal(cell.replace(decimal, ".")).scaleb(9 + round(math.log10(factor)))
+        return round(value) if abs(value) < NO_ROOM * 1e9 else None
+    except (InvalidOperation, ValueError, OverflowError):
+        return None
+
+
+def unwrapped(stamps: NDArray[Any]) -> tuple[NDArray[Any], list[str]]:
+    """Stamps (n,), s or whole ns, of a counter that went on where it began again; and what is to be said of that."""
+    steps = np.diff(stamps)
+    back = np.flatnonzero(steps < 0)
+    if not len(back) or len(back) > len(steps) / 4:
+        return stamps, []
+    second = 1e9 if stamps.dtype.kind == "i" else 1.0
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    for period, what in WRAPS:
+        onward = steps[back] + period * second
+        if ((onward > 0) & (onward <= WENT_ON * usual)).all():
+            turns = np.zeros(len(stamps), np.int64)
+            turns[back + 1] = 1
+            added = np.cumsum(turns) * (round(period * second) if stamps.dtype.kind == "i" else period)
+            return stamps + added, [f"the times count {what} and begin again: {period:.10g} s added to the later ones"]
+    return stamps, []
 
 
 def is_of_day(cell: str) -> bool:
@@ -24,6 +73,7 @@ def read_times(text: Any) -> Any:
     import pandas as pd  # slow to import
 
     text = text.str.replace(r"(?<=\d),(?=\d)", ".", regex=True)
+    text = text.str.replace(r"(\d+:\d\d:\d\d):(\d+)$", r"\1.\2", regex=True)  # 10:59:00:500
     first = text.iloc[0]
     if is_of_day(first):
         return _times_of_day(text)

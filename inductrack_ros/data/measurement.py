@@ -24,11 +24,14 @@ class Run:
     - channels: (c,) names out of `core.state.CHANNELS`, in that order
     - times: (n,) s, strictly increasing, 0 at the first sample
     - values: (n, c) SI units, NaN where not measured; no column and no time is wholly NaN in a bag, no column in a CSV
-    - stamps: (n,) time as the file has it: float seconds (CSV) or whole nanoseconds (bag: a float would lose 0.2 µs)
+    - stamps: (n,) time as the file has it: float seconds, or whole nanoseconds (a bag, or times since 1970 in a CSV: a
+      float would lose 0.2 µs)
     - drive_current: A; 0 is coasting; the mean where it was measured in time and stands in ``inputs``
     - initial_state: what is known of the state at time 0, by name; the rest is to be estimated
     - pulses: the drive, where the bag holds the pulses that were fired, by time on the run's clock; None:
       `drive_current`, averaged
+    - numbers: (n,) where each sample stands in its file, from 1: the row as an editor counts (CSV), or the message on
+      the pose's topic (bag); None where samples are of several topics, or of no file
     - seconds_stated: whether the file itself says that its time is in seconds: a bag, or a unit in a CSV's header
     - inputs: what else was measured in time, by the name a model or an effect calls it: times (m,) s on the run's
       clock, values (m,)
@@ -45,6 +48,7 @@ class Run:
     drive_current: float = 0.0
     initial_state: Mapping[str, float] = field(default_factory=dict)
     pulses: Pulses | None = None
+    numbers: NDArray[np.integer] | None = None
     seconds_stated: bool = False
     inputs: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     conditions: Mapping[str, float] = field(default_factory=dict)

@@ -15,6 +15,8 @@ from .measurement import Array
 #: Samples filed this much (s) out of order are sorted; a clock that goes back further was set back, or there are two
 #: runs.
 OUT_OF_ORDER = 0.5
+#: What a clock is set back by at the end of summer time (s), but for so many usual steps.
+HOUR, WENT_ON = 3600.0, 5.0
 #: Stamps of 0 this long (s) before all others were given before the clock ran.
 BEFORE_THE_CLOCK = 10.0
 #: Values that go this many times as far, to and fro, in the order of their stamps as in that of their filing: the clock
@@ -37,6 +39,7 @@ class Place:
         return f"{count} {self.kind}{'' if count == 1 else 's'}{self.about}"
 
 
+@np.errstate(over="ignore")  # of stamps that are none
 def in_order(
     stamps: Array | NDArray[np.int64], columns: Sequence[Array], place: Place
 ) -> tuple[NDArray[np.intp] | None, list[str]]:
@@ -62,7 +65,11 @@ def in_order(
     if late.max() > OUT_OF_ORDER * second:
         i = int(np.argmax(late > OUT_OF_ORDER * second))
         back, name = late[i] / second, place.name(int(index[i]))
-        raise InputError(f"{place.where}: {name} is stamped {back:.6g} s earlier than one before it; {place.remedy}")
+        remedy = place.remedy
+        usual = float(np.median(np.abs(np.diff(stamps[index])))) / second
+        if 0 <= HOUR - back <= WENT_ON * usual:
+            remedy = "did summer time end? write the times in UTC or with their zone, or add an hour to the later ones"
+        raise InputError(f"{place.where}: {name} is stamped {back:.6g} s earlier than one before it; {remedy}")
     if late.any():
         filed, index = index, index[np.argsort(stamps[index], kind="stable")]
         if _torn(columns, filed, index):

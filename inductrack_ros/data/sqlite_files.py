@@ -59,6 +59,17 @@ def whole_database(path: Path, given: Path, folder: Path, notes: list[str]) -> P
     return copy
 
 
+def tables_of(path: Path) -> list[str] | None:
+    """Names of the tables in a database; None where it cannot be read, which is said where its rows are."""
+    try:
+        with contextlib.closing(
+            sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+        ) as database:
+            return [name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+    except sqlite3.Error:
+        return None
+
+
 def _pages_written(wal: Path) -> int | None:
     """How many pages were written into a -wal since it was last taken in, whole or not; 0 without one, None where it
     is none."""

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rows of data of a CSV: each with the same number of cells, unquoted, without what stands between and behind
+them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError
+from .csv_cells import is_time, number, shown, split
+from .csv_header import TIME
+from .csv_layout import Layout
+
+#: Rows behind the data that are looked at.
+TAIL = 40
+#: What a spreadsheet or a logger calls the rows behind its data.
+SUMMARIES = (
+    "mean average avg mittelwert moyenne std stdev stddev sd sigma var variance rms min minimum max maximum median sum"
+    " summe total count n range end eof"
+).split()
+
+
+def rows_of_data(file: Path, data: bytes, layout: Layout, notes: list[str]) -> bytes:
+    """The rows from the first of data on, each with the same number of cells, unquoted; rows that hold nothing are
+    empty."""
+    body, separator = data[layout.start :], layout.separator.encode()
+    if again := len(re.findall(layout.header, body)):
+        body = re.sub(layout.header, b"", body)  # a logger that was started again writes its header again
+        notes.append(f"{again} more header{'' if again == 1 else 's'} between the rows left out")
+    if re.search(rb"(?m)^[ \t]*(#|%|//)", body):
+        body = re.sub(rb"(?m)^[ \t]*(#|%|//).*$", b"", body)
+    if separator == b" ":
+        body = _without_blanks(body.replace(b"\t", b" ")).replace(b" ", b"\t")
+        separator = b"\t"
+    elif b" " in body:
+        body = _without_blanks(body, separator)
+    if b'"' in body:
+        body = _unquoted(file, body, layout, separator)
+    if re.search(rb"(?m)^[\s" + re.escape(separator) + rb"]*$", body):
+        body = re.sub(rb"(?m)^[ \t\v\f" + re.escape(separator) + rb"]+$", b"", body)
+    body = _without_tail(body, layout, notes)
+    return _complete(file, body, layout, separator, notes) if body.strip() else b""
+
+
+def _without_tail(body: bytes, layout: Layout, notes: list[str]) -> bytes:
+    """The body without the rows behind the data: words where a time should stand, and nothing measured, or a
+    summary."""
+    time = next(c.place for c in layout.columns if c.name == TIME)
+    separator = "\t" if layout.separator == " " else layout.separator
+    left: list[str] = []
+    end = len(body)
+    for _ in range(TAIL):
+        whole = body[:end].rstrip(b"\n")
+        start = whole.rfind(b"\n") + 1
+        line = whole[start:].decode(errors="replace")
+        cells = split(line, separator)
+        cell = cells[time] if time < len(cells) else ""
+        if not start or number(cell, layout.decimal) is not None or number(cell) is not None or is_time(cell):
+            break
+        words = [c for c in cells if re.search(r"[^\W\d]", c)]
+        first = words[0].strip(" :.=").lower() if words else ""
+        summary = first in SUMMARIES or first.partition(" ")[0] in SUMMARIES
+        if not words or not summary and (len(cells) == layout.cells or any(number(c) is not None for c in cells)):
+            break
+        left.append(next(c for c in cells if c))
+        end = start
+    if not left:
+        return body
+    said = ", ".join(shown(cell) for cell in left[:-4:-1])
+    notes.append(f"{len(left)} row{'' if len(left) == 1 else 's'} behind the data left out: {said}")
+    return body[:end]
+
+
+def _without_blanks(body: bytes, separator: bytes = b"") -> bytes:
+    """One blank for many, and none at the ends of rows and beside separators. Replacing is fast and takes little
+    memory."""
+    while b"  " in body:
+        body = body.replace(b"  ", b" ")
+    for end in (b"\n", separator):
+        if end:
+            body = body.replace(end + b" ", end).replace(b" " + end, end)
+    return body.removeprefix(b" ")
+
+
+def _unquoted(file: Path, body: bytes, layout: Layout, separator: bytes) -> bytes:
+    """Cells without their quotes; a separator inside quotes is a decimal comma or part of a text, which is not read."""
+    text = np.frombuffer(body, np.uint8)
+    quotes = np.flatnonzero(text == ord('"'))
+    inside = np.searchsorted(quotes, np.flatnonzero((text == separator[0]) | (text == ord("\n")))) % 2
+    if not inside.any():
+        return body.replace(b'"', b"")
+    rows = []
+    for i, line in enumerate(body.split(b"\n")):
+        if line.count(b'"') % 2:
+            raise InputError(f"{file}, row {layout.first_row + i}: a quote that is not closed; close it or delete it")
+        if b'"' in line:
+            cells = re.split(rb'("[^"]*")', line)
+            inner = b"." if layout.decimal == "," and separator == b"," else b" "
+            line = b"".join(c.strip(b'"').replace(separator, inner) if c.startswith(b'"') else c for c in cells)
+        rows.append(line)
+    return b"\n".join(rows)
+
+
+def _complete(file: Path, body: bytes, layout: Layout, separator: bytes, notes: list[str]) -> bytes:
+    """Judge the number of cells in each row: all may end with a separator more, the last one may be cut off."""
+    text = np.frombuffer(body, np.uint8)
+    ends = np.flatnonzero(text == ord("\n"))
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    before = np.searchsorted(np.flatnonzero(text == separator[0]), [starts, ends])
+    cells, used = before[1] - before[0] + 1, ends > starts
+    wrong = np.flatnonzero(used & (cells != layout.cells))
+    if len(wrong) and (cells[wrong] == layout.cells + 1).all() and (text[ends[wrong] - 1] == separator[0]).all():
+        return (
+            re.sub(rb"(?m)" + re.escape(separator) + rb"$", b"", body)
+            if len(wrong) == used.sum()
+            else _trimmed(body, wrong, starts, ends)
+        )
+    if not len(wrong):
+        return body
+    first, last = int(wrong[0]), int(np.flatnonzero(used)[-1])
+    if first == last and cells[first] < layout.cells and used.sum() > 2:
+        notes.append(f"the last row ({layout.first_row + first}) is cut off and left out")
+        return body[: starts[first]]
+    remedy = "complete the row or delete it"
+    if len(wrong) == used.sum() > 1 and (cells[wrong] == cells[first]).all():
+        remedy = "as in all rows; name each column in the header"
+        if cells[first] >= 2 * layout.cells - 1 and separator == b",":
+            remedy = "as in all rows; decimal commas need semicolons between the cells"
+    counts = f"{cells[first]} cell{'' if cells[first] == 1 else 's'} where the header names {layout.cells}"
+    raise InputError(f"{file}, row {layout.first_row + first}: {counts}; {remedy}")
+
+
+def _trimmed(body: bytes, rows: NDArray[np.intp], starts: NDArray[np.intp], ends: NDArray[np.intp]) -> bytes:
+    """The body with the last byte of some rows taken off."""
+    kept = np.ones(len(body), bool)
+    kept[ends[rows] - 1] = False
+    return np.frombuffer(body, np.uint8)[kept].tobytes()
