@@ -70,7 +70,7 @@ def drawn(rng: np.random.Generator, model: Model) -> Campaign:
                 "roll_rate": rng.uniform(-3, 3),
             }
         current = float(rng.choice([0.0, 3000.0, 7000.0]))
-        flight = model.simulate(times, model.initial_state(**start), current)
+        flight = model.simulate(times, model.initial_state(**start), current, further=True)
         values = np.column_stack([flight[c] + NOISE[c] * rng.standard_normal(len(times)) for c in channels])
         runs.append(Run(f"run_{k}", Path(f"run_{k}.csv"), channels, times, values, times, current))
     if rng.random() < 0.2:

@@ -42,6 +42,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     who = f"inductrack {arguments.command.name}"
     try:
+        return _run(arguments, who)
+    except OSError:  # nothing can be said: the disk that standard error goes to is full, or its reader has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+        return 2
+
+
+def _run(arguments: argparse.Namespace, who: str) -> int:
+    """The exit status of a command; one line to standard error where it is not 0."""
+    try:
+        _stand_somewhere()
         arguments.command.run(arguments)
         sys.stdout.flush()
     except InputError as error:
@@ -58,6 +68,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{who}: interrupted; {str(error) or 'nothing was written'}", file=sys.stderr)
         return 130
     return 0
+
+
+def _stand_somewhere() -> None:
+    """Raise InputError where the current folder is gone, from which every name is taken."""
+    try:
+        os.getcwd()
+    except OSError:
+        raise InputError("the current folder is gone; change into one that exists") from None
 
 
 class _Parser(argparse.ArgumentParser):

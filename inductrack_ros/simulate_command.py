@@ -117,6 +117,8 @@ def run(arguments: argparse.Namespace) -> None:
     _say(output, model, flights[0], flown)
     if records is not None:
         print(_delivered(records, seed))
+    elif arguments.model and arguments.initial is None and _starts_otherwise(arguments.model):
+        print(f"initial_state of {arguments.model} is for the sim node; --initial says where this run starts")
     elif passed_over := [n for n in (*values, *_sensor_effects(model)) if n != "seed"]:
         print(
             f"{passed_over[0]}{' and others' if passed_over[1:] else ''} of {arguments.model}: of sensors, which show"
@@ -172,6 +174,13 @@ def _check_output(output: Path, campaign: bool) -> None:
         raise InputError(f"--output {output}: exists already; choose another name or delete it first")
     if not output.absolute().parent.is_dir():
         raise InputError(f"--output {output}: there is no folder {output.parent}; create it first")
+
+
+def _starts_otherwise(path: str) -> bool:
+    """Whether a parameter file says where the sim node starts."""
+    from .core.parameter_files import blocks_for, merged
+
+    return "initial_state" in merged(blocks_for(path))
 
 
 def _sensor_values(path: str | None) -> dict[str, float]:

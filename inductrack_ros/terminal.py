@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import codecs
+import os
 import sys
 
 _PLAIN = {
@@ -67,8 +68,11 @@ codecs.register_error("inductrack.plain", _plain)
 
 
 def speak_to_any_terminal() -> None:
-    """From now on what is printed never fails for its letters, whatever the terminal's encoding and the names of
-    files."""
+    """From now on what is printed never fails for its letters, whatever the terminal's encoding and the names of files,
+    nor for a stream that was closed before the program began."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # `>&-`
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # not what a test or a notebook puts there
             stream.reconfigure(errors="inductrack.plain")

@@ -325,7 +325,7 @@ def test_an_initial_state_is_held_against_the_samples(state, value, severity, hi
 def test_a_condition_that_is_no_value_of_its_parameter(pose, model):
     weighed = replace(pose, runs=tuple(replace(r, conditions={"mass": 9300.0}) for r in pose.runs))
     (found,) = [f for f in look(weighed, model) if f.kind == "condition"]
-    assert found.severity == IMPOSSIBLE and "1e+03 times the model's 9.3 kg" in found.text
+    assert found.severity == IMPOSSIBLE and "1000 times the model's 9.3 kg" in found.text
     assert look(replace(pose, runs=tuple(replace(r, conditions={"mass": 9.42}) for r in pose.runs)), model) == ()
 
 

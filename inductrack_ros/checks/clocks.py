@@ -117,7 +117,7 @@ def _broken(run: Run, i: int, usual: float) -> Finding | None:
     if (hole > levels.SPLIT * usual and hole > run.duration - hole) or (
         hole > levels.PAUSE and hole > levels.PAUSE_STEPS * usual
     ):
-        text = f"{run.file.name} has a hole of {_lasting(hole)} before {spot(run, i + 1)} of {len(run.times)} samples"
+        text = f"{run.file.name} has a hole of {_lasting(hole)} before {spot(run, i + 1)}"
         return Finding(
             "hole",
             IMPOSSIBLE,

@@ -54,6 +54,30 @@ def jumps(campaign: Campaign, channels: Mapping[str, Channel], off: list[Finding
     return findings
 
 
+def wraps(campaign: Campaign) -> list[Finding]:
+    """A finding where a run's travel begins again and again: it counts within one length only."""
+    for run in campaign.runs:
+        if "surge" not in run.channels:
+            continue
+        known = np.flatnonzero(~np.isnan(run["surge"]))
+        steps = np.diff(run["surge"][known])
+        if len(steps) < levels.FEW:
+            continue
+        again = np.flatnonzero(-steps * np.sign(np.median(steps)) > PART * np.ptp(run["surge"][known]))
+        back = steps[again]
+        if len(again) < 2 or np.ptp(back) > 0.1 * np.abs(back).min() or np.diff(again).min() < BESIDE:
+            continue
+        length = float(np.abs(back - np.median(steps)).mean())
+        text = (
+            f"surge begins again {len(again)} times, each time {quantity('surge', length)} back (first behind"
+            f" {place(run, int(known[again[0]]))}): it counts within one length only"
+        )
+        remedy = f"add {length:.4g} m to all that follows, at each of these places"
+        size = {"jump": -length, "count": len(again)}
+        return [Finding("value_jump", IMPOSSIBLE, text, remedy, "surge", run.name, size=size)]
+    return []
+
+
 def _back(found: list[tuple[int, float]]) -> tuple[list[tuple[int, float]], NDArray[np.intp]]:
     """Jumps that stay, and the samples between those that jump and back again soon."""
     stay: list[tuple[int, float]] = []

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +13,14 @@ from ..core.model import Model
 from ..data import Campaign, Run
 from .clocks import clocks
 from .excitation import excitation, too_few
+from .filled import filled
 from .finding import SET_ASIDE, Finding, impossible, worst_first
 from .hangs import hangs
+from .interleaved import interleaved
 from .jitter import jitter
-from .jumps import jumps
+from .jumps import jumps, wraps
 from .noise import noises
-from .noise_found import channels_of
+from .noise_found import Channel, channels_of
 from .outliers import fillers, outliers
 from .pairs import pairs
 from .readings import readings
@@ -43,8 +46,12 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     found += (stuck := held(campaign))
     campaign = set_aside(campaign, stuck)
     channels = channels_of(campaign)
+    if torn := interleaved(campaign, channels) + wraps(campaign):
+        return worst_first(_causes_only(found + torn))
     found += (hung := hangs(campaign, campaign if touch is None else touch.calm(campaign), channels))
     campaign = set_aside(campaign, hung)
+    found += (lines := filled(campaign, channels))
+    campaign = set_aside(campaign, lines)
     off = outliers(campaign, channels, touch)
     jumped = jumps(campaign, channels, off)
     named = {f.channel for f in jumped}
@@ -59,8 +66,26 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     if model is not None and not any(
         f.kind in ("clock_jump", "hole", "time_unit", "value_jump", "batches") for f in impossible(found)
     ):
-        found += readings(campaign, channels, model)
+        found += _readings(campaign, channels, model, {f.channel for f in flat if f.kind == "constant"})
     return worst_first(_causes_only(found))
+
+
+def _readings(
+    campaign: Campaign, channels: Mapping[str, Channel], model: Model, dead: set[str | None]
+) -> list[Finding]:
+    """What the model's motion says of the channels but for dead ones; what moves without them is nobody's fault."""
+    if not dead:
+        return readings(campaign, channels, model)
+    runs = tuple(_blanked(run, dead) for run in campaign.runs)
+    alive = {c: about for c, about in channels.items() if c not in dead}
+    return [f for f in readings(replace(campaign, runs=runs), alive, model) if f.kind != "unlike"]
+
+
+def _blanked(run: Run, channels: set[str | None]) -> Run:
+    """The run as if some channels had not been measured."""
+    values = run.values.copy()
+    values[:, [c in channels for c in run.channels]] = np.nan
+    return replace(run, values=values)
 
 
 def set_aside(campaign: Campaign, findings: list[Finding] | tuple[Finding, ...]) -> Campaign:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,17 +13,16 @@ from . import levels, spectrum
 from .finding import IMPOSSIBLE, WARNING, Finding, number
 from .noise_found import Channel
 
-#: What a factor between stated and found noise may come from.
-FACTORS = (
-    (1e3, "mm, mrad or mm/s instead of SI units"),
-    (180.0 / np.pi, "degrees instead of radians"),
-    (100.0, "cm instead of m"),
-    (1e6, "millionths instead of SI units"),
-)
+#: Other units in which a channel of this SI unit may be written, and what 1 of that is in them.
+WRITTEN_IN: Mapping[str, tuple[tuple[float, str], ...]] = {
+    "m": ((1e3, "mm"), (100.0, "cm"), (1 / 0.0254, "inches"), (1e6, "µm")),
+    "rad": ((180.0 / np.pi, "degrees"), (1e3, "mrad")),
+    "m/s": ((1e3, "mm/s"), (3.6, "km/h"), (100.0, "cm/s"), (60.0, "m/min"), (2.237, "mph"), (1 / 0.0254, "in/s")),
+    "rad/s": ((180.0 / np.pi, "degrees/s"), (1e3, "mrad/s"), (30.0 / np.pi, "rpm")),
+    "m/s²": ((1 / 9.80665, "g"), (1e3 / 9.80665, "mg"), (1e3, "mm/s²")),
+}
 #: Channels in which every drive pulse shows: it is over between two samples, and comes back with every coil.
 PUSHED = ("surge", "surge_rate", "surge_acceleration")
-#: The same of an acceleration.
-IN_G = ((1e3 / 9.80665, "mg instead of m/s²"), (1e3, "mm/s² instead of m/s²"))
 #: The noise found scatters by this over the root of the number of samples; of fewer samples by more.
 SCATTER, FEWEST = 1.2, 60
 
@@ -62,18 +61,17 @@ def _differs(channel: str, stated: float, about: Channel, moving: bool) -> list[
     size = {"ratio": ratio, "found": found, "stated": stated}
     unit = UNITS[channel]
     text = (
-        f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} of the noise_std stated, {number(stated)}"
-        f" {unit}"
+        f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} {'of' if ratio < 1 else 'times'} the"
+        f" noise_std stated, {number(stated)} {unit}"
     )
     if not 1 / levels.NOISE_IMPOSSIBLE < ratio < levels.NOISE_IMPOSSIBLE:
-        fitting = FACTORS if unit.startswith("m") else [f for f in FACTORS if not f[1].startswith("cm")]
-        hint = meant(ratio, IN_G if unit == "m/s²" else fitting)
+        hint = meant(ratio, unit) or meant(1 / ratio, unit)
         remedy = (
-            f"is one of the two in {hint}?"
+            f"is one of the two in {hint} instead of {'radians' if unit == 'rad' else unit}?"
             if hint
             else "noise_std is in SI units; correct it, or leave it out to have it estimated"
         )
-        if meant(stated / found**2, ((1.0, "its square"),)):
+        if abs(np.log(stated / found**2)) < np.log(levels.NEAR):
             remedy = f"noise_std is the standard deviation, not its square: {number(found)}"
         return [Finding("noise_differs", IMPOSSIBLE, text, remedy, channel, size=size)]
     sure = levels.sigmas(1) * SCATTER / np.sqrt(about.count)
@@ -91,9 +89,9 @@ def _differs(channel: str, stated: float, about: Channel, moving: bool) -> list[
     ]
 
 
-def meant(ratio: float, factors: Iterable[tuple[float, str]]) -> str:
-    """The unit that a ratio near one of the factors, or its inverse, comes from; empty for none."""
-    for factor, name in factors:
-        if abs(abs(np.log(ratio)) - np.log(factor)) < np.log(levels.NEAR):
-            return name
-    return ""
+def meant(ratio: float, unit: str) -> str:
+    """The unit in which a channel, whose SI unit is ``unit``, is written where it is ``ratio`` times as large as it
+    should be; empty where there is none such."""
+    near = [(abs(np.log(ratio / factor)), name) for factor, name in WRITTEN_IN.get(unit, ())]
+    off, name = min(near, default=(np.inf, ""))
+    return name if off < np.log(levels.NEAR) else ""

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import signal
 
-from ..core.state import ACCELERATIONS, COORDINATES, RATES
+from ..core.state import ACCELERATIONS, COORDINATES, RATES, UNITS
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
@@ -19,16 +19,6 @@ from .finding import IMPOSSIBLE, WARNING, Finding, number
 from .noise import meant
 from .noise_found import Channel
 
-#: Slopes a unit that was not SI gives.
-FACTORS = (
-    (1e3, "mm, mrad or mm/s instead of SI units"),
-    (180 / np.pi, "degrees instead of radians"),
-    (3.6, "km/h instead of m/s"),
-    (100.0, "cm instead of m"),
-    (60.0, "per minute instead of per second"),
-    (9.81, "g instead of m/s²"),
-    (2.237, "mph instead of m/s"),
-)
 #: Samples of each run that are looked at, and how many of them an increment spans: the span whose increments correlate
 #: best is taken.
 MOST, SPANS = 60_000, (1, 2, 4, 8, 16, 32)
@@ -51,12 +41,15 @@ def pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -
     findings: list[Finding] = []
     for k, coordinate in enumerate(COORDINATES):
         rate, acceleration = RATES[k], ACCELERATIONS[k]
+        if coordinate == "heave" and coordinate not in channels:
+            coordinate = "gap_top"  # grows with the heave, and with nothing else
         if {coordinate, rate} <= channels.keys():
             findings += _pair(campaign, coordinate, rate, 1) or _foreign(campaign, channels, coordinate, rate)
         if {rate, acceleration} <= channels.keys():
             findings += _pair(calm, rate, acceleration, 1)
         elif {coordinate, acceleration} <= channels.keys():
-            findings += _pair(calm, coordinate, acceleration, 2)
+            found = _pair(calm, coordinate, acceleration, 2)
+            findings += found or _foreign(calm, channels, coordinate, acceleration, 2)
     return findings
 
 
@@ -79,7 +72,7 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
         step = float(np.median([np.median(np.diff(r.times)) for r in runs]))
         severity = IMPOSSIBLE if abs(shift) > FAR * step else WARNING
         return [Finding("offset", severity, text, "stamp both with one clock", derivative, size={"offset": shift})]
-    size_of = np.mean if abs(b.mean()) > STEADY * b.std() else np.std
+    size_of = np.mean if all(abs(y.mean()) > STEADY * y.std() for y in (a, b)) else np.std
     slope = float(abs(size_of(a) / size_of(b)) * np.sign(correlation))
     size = {"slope": slope, "of": whole}
     what = "derivative" if order == 1 else "second derivative"
@@ -89,10 +82,10 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
             Finding("sign", IMPOSSIBLE, text, f"flip the sign of {derivative}, or of {whole}", derivative, size=size)
         ]
     if not 1 / levels.SCALE < slope < levels.SCALE:
-        hint = meant(slope, FACTORS)
+        hint = _in_unit(whole, derivative, 1 / slope)
         text = f"{derivative} is {number(1 / slope)} times the {what} of {whole}"
         remedy = (
-            f"all channels are in SI units; is one of the two in {hint}?"
+            f"all channels are in SI units; is {hint}?"
             if hint
             else "all channels are in SI units; convert one of the two"
         )
@@ -101,27 +94,47 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
     return _late(runs, whole, derivative, (a, b, late)) if order == 1 else []
 
 
-def _foreign(campaign: Campaign, channels: Mapping[str, Channel], coordinate: str, rate: str) -> list[Finding]:
+def _in_unit(whole: str, derivative: str, ratio: float) -> str:
+    """Which of the two is in which unit where the derivative is ``ratio`` times as large as it should be; empty for
+    none."""
+    if hint := meant(ratio, UNITS[derivative]):
+        return f"{derivative} in {hint} instead of {UNITS[derivative]}"
+    if hint := meant(1 / ratio, UNITS[whole]):
+        return f"{whole} in {hint} instead of {UNITS[whole]}"
+    return ""
+
+
+def _foreign(
+    campaign: Campaign, channels: Mapping[str, Channel], coordinate: str, rate: str, order: int = 1
+) -> list[Finding]:
     """A rate that has nothing in common with its coordinate, though both stand clear of their noise: perhaps another's
-    rate."""
+    rate. The same of an acceleration, ``order`` 2, of which vibration that no pose shows is no fault."""
     runs = [r for r in campaign.runs if coordinate in r.channels and rate in r.channels]
     step = float(np.median([np.median(np.diff(r.times)) for r in runs]))
     best, clear = 0.0, False
     for span in SPANS:
-        found = _increments(runs, coordinate, rate, 1, span)
+        found = _increments(runs, coordinate, rate, order, span)
         if found is not None:
             best = max(best, abs(_correlation(found[0], found[1])))
-            noise = np.sqrt(2.0) * channels[coordinate].noise, channels[rate].noise * step * np.sqrt(span)
+            noise = np.array([channels[coordinate].noise, channels[rate].noise * step * np.sqrt(span)]) * np.sqrt(2.0)
+            noise *= 1.0 if order == 1 else (np.sqrt(3.0), step * span)
             clear |= all(y.std() > CLEAR * n for y, n in zip(found[:2], noise, strict=True))
     if best > STRANGE or not clear:
         return []
-    text, size = f"{rate} is not the derivative of {coordinate}: they have nothing in common", {"correlation": best}
-    for other in (r for r in RATES if r != rate and r in channels):
-        tried = [_increments([r for r in runs if other in r.channels], coordinate, other, 1, span) for span in SPANS]
+    text, size = (
+        f"{rate} is not the {'second ' * (order - 1)}derivative of {coordinate}: they have nothing in common",
+        {"correlation": best},
+    )
+    for other in (r for r in (RATES if order == 1 else ACCELERATIONS) if r != rate and r in channels):
+        tried = [
+            _increments([r for r in runs if other in r.channels], coordinate, other, order, span) for span in SPANS
+        ]
         if any(found is not None and _correlation(found[0], found[1]) > levels.ALIKE for found in tried):
             remedy = f"{other} is: exchange the two columns"
             size |= {"candidates": [rate, other]}
             return [Finding("axis_flipped", IMPOSSIBLE, text, remedy, rate, size=size)]
+    if order > 1:
+        return []
     return [Finding("unlike", WARNING, text, "look at both channels, or leave one out", rate, size=size)]
 
 

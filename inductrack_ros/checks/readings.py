@@ -14,7 +14,7 @@ from ..core.state import COORDINATES, GAPS
 from ..data import Campaign
 from . import levels
 from .balance import WINDOWS, Reading, Windows, bad, misfits, stops, total, windows_of
-from .finding import IMPOSSIBLE, WARNING, Finding, impossible, number, shared
+from .finding import IMPOSSIBLE, WARNING, Finding, impossible, number, of_a_bag, shared
 from .noise_found import READINGS, Channel
 
 #: One thing wrong after the other is looked for, so many at most.
@@ -31,6 +31,8 @@ SWAPS = (
 )
 _LENGTH = ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches"), (0.3048, "feet"))
 _ANGLE = ((np.pi / 180.0, "degrees"), (1e-3, "mrad"))
+#: Looked for where none of the others fits.
+_SMALL = ((2.54e-5, "thousandths of an inch"), (1e-6, "µm"))
 _TIMES = ((1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"), (60.0, "min"), (3600.0, "h"), (86400.0, "days"))
 _CURRENTS = ((1e3, "kA"), (1e-3, "mA"))
 
@@ -164,8 +166,10 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
         return now, found
     speed = max(map(abs, _speeds(campaign)), default=0.0)
     if speed > levels.FASTEST:
-        now, finding = _too_fast(speed, windows, model)
+        now, finding = _too_fast(campaign, speed, windows, model)
         found.append(finding)
+    if exchanged := _travelling(campaign, _room(model)):
+        return now, [*found, exchanged]
     for channel, room in _room(model).items():
         if channel in GAPS:
             found += _negative(campaign, channel, model)
@@ -180,11 +184,9 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
             f" {number(room)} {si}"
         )
         size = {"middle": middle, "spread": spread, "room": room}
-        fits = [
-            (f, unit)
-            for f, unit in (_ANGLE if channel == "roll" else _LENGTH)
-            if f * (abs(middle) + spread) < levels.OUTSIDE / 2 * room
-        ]
+        units = _ANGLE if channel == "roll" else (*_LENGTH, *_SMALL)
+        fits = [(f, unit) for f, unit in units if f * (abs(middle) + spread) < levels.OUTSIDE / 2 * room]
+        fits = [fit for fit in fits if fit not in _SMALL] or fits
         if channel == "roll" and abs(spread - 2 * np.pi) < 0.05:
             remedy = "the angle is wrapped at a full turn; unwrap it, or let it run from −π to π"
             found.append(Finding("unit", IMPOSSIBLE, text, remedy, channel, size=size))
@@ -203,12 +205,33 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
             else [total(misfits(windows, model, now.times(channel, f)), windows.values) for f, _ in fits]
         )
         factor, unit = fits[int(np.argmin(left))]
-        found.append(_unit(channel, text, factor, unit, size))
+        found.append(_unit(campaign, channel, text, factor, unit, size))
         now = now.times(channel, factor)
     return now, found
 
 
-def _too_fast(speed: float, windows: Windows | None, model: Model) -> tuple[Reading, Finding]:
+def _travelling(campaign: Campaign, room: Mapping[str, float]) -> Finding | None:
+    """Sway or heave that goes on as a travel does, far out of its room, while surge stays within it."""
+    for channel in ("sway", "heave"):
+        runs = [run.samples(channel) for run in campaign.runs if {channel, "surge"} <= set(run.channels)]
+        ends = [(y[-1] - y[0], t[-1] - t[0], np.ptp(y)) for t, y in runs if len(t) > 1]
+        far = [s for s in ends if abs(s[0]) > levels.ALIKE * s[2] > levels.OUTSIDE * room[channel]]
+        if len(far) < max(len(ends), 1) or _extent(campaign, "surge")[1] > levels.OUTSIDE * room["sway"]:
+            continue
+        speed = max(abs(s[0]) / s[1] for s in far)
+        if not levels.MOVING < speed < levels.FASTEST:
+            continue
+        text = (
+            f"{channel} goes on at up to {number(speed)} m/s like a travel, while surge spans"
+            f" {number(1e3 * _extent(campaign, 'surge')[1])} mm: the axes are exchanged"
+        )
+        remedy = "x is along the travel, y left, z up: exchange the channels, or turn the frame they are published in"
+        size = {"candidates": [channel, "surge"], "speed": speed}
+        return Finding("axis_flipped", IMPOSSIBLE, text, remedy, channel, size=size)
+    return None
+
+
+def _too_fast(campaign: Campaign, speed: float, windows: Windows | None, model: Model) -> tuple[Reading, Finding]:
     """Which unit of surge or of time makes a speed that nothing has one that a cradle has, and the finding."""
     text, size = f"surge runs at {number(speed)} m/s", {"speed": speed}
     ways = [(f, unit, Reading().times("surge", f)) for f, unit in _LENGTH if f < 0.1]
@@ -224,7 +247,7 @@ def _too_fast(speed: float, windows: Windows | None, model: Model) -> tuple[Read
     among = windows.values.keys()
     factor, unit, reading = min(ways, key=lambda way: total(misfits(windows, model, way[2]), among))
     if reading.time == 1.0:
-        return reading, _unit("surge", text, factor, unit, size)
+        return reading, _unit(campaign, "surge", text, factor, unit, size)
     remedy = f"time seems to be in {unit}; name its column 'time [{unit}]', or multiply it by {reading.time:g}"
     return reading, Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": factor})
 
@@ -259,13 +282,11 @@ def _room(model: Model) -> dict[str, float]:
     return {"heave": root * gap, "sway": aside, "roll": aside / lever, **dict.fromkeys(GAPS, (1 + root) * gap)}
 
 
-def _unit(channel: str, text: str, factor: float, unit: str, size: Mapping[str, float]) -> Finding:
+def _unit(campaign: Campaign, channel: str, text: str, factor: float, unit: str, size: Mapping[str, float]) -> Finding:
     si = "rad" if channel == "roll" else "m"
-    short = {"degrees": "deg", "inches": "in", "feet": "ft"}.get(unit, unit)
-    remedy = (
-        f"it seems to be in {unit}; {channel} is in {si}: multiply it by {factor:.4g}, or write '{channel} [{short}]'"
-        " in the header"
-    )
+    short = {"degrees": "deg", "inches": "in", "feet": "ft", "thousandths of an inch": "mil"}.get(unit, unit)
+    where = "publish it so" if all(map(of_a_bag, campaign.runs)) else f"write '{channel} [{short}]' in the header"
+    remedy = f"it seems to be in {unit}; {channel} is in {si}: multiply it by {factor:.4g}, or {where}"
     return Finding("unit", IMPOSSIBLE, text, remedy, channel, size={**size, "factor": factor})
 
 
@@ -331,7 +352,7 @@ def _finding(campaign: Campaign, names: list[str], factor: float, size: Mapping[
             what,
             size={**size, "factor": factor},
         )
-    return _unit(what, f"as it is written {what} does not belong to the model's motion", factor, unit, size)
+    return _unit(campaign, what, f"as it is written {what} does not belong to the model's motion", factor, unit, size)
 
 
 def _flipped(channels: list[str], size: Mapping[str, object]) -> Finding:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..core.model import Model
-from ..core.state import COORDINATES
+from ..core.state import COORDINATES, GAPS
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
@@ -73,9 +73,10 @@ def held(campaign: Campaign) -> list[Finding]:
 def _beside(channel: str, campaign: Campaign, channels: Mapping[str, Channel], model: Model | None) -> str:
     """What shows that a channel is not at rest: its coordinate, rate or acceleration moves, or the drive pushes it."""
     coordinate = channel.removesuffix("_rate").removesuffix("_acceleration")
-    if coordinate not in COORDINATES:
+    if coordinate not in (*COORDINATES, *GAPS):
         return ""
-    for other in (coordinate, f"{coordinate}_rate", f"{coordinate}_acceleration"):
+    derived = ("heave", *GAPS) if channel in GAPS else (coordinate, f"{coordinate}_rate", f"{coordinate}_acceleration")
+    for other in derived:
         about = channels.get(other)
         if other != channel and about and about.spread > levels.MOVES * max(about.noise, about.step) > 0.0:
             return f"{other} moves"

@@ -16,7 +16,6 @@ from . import levels
 from .finding import IMPOSSIBLE, WARNING, Finding, number
 from .noise import meant
 from .noise_found import Channel
-from .pairs import FACTORS
 
 #: Conditions in °C that effects of the catalogue ask for.
 TEMPERATURES = ("track_temperature", "magnet_temperature")
@@ -48,8 +47,12 @@ def _states(run: Run, channels: Mapping[str, Channel]) -> list[Finding]:
         )
         factor = value / there if there else np.inf
         if max(abs(value), abs(there)) > SURE * deviation and not 1 / levels.UNIT < factor < levels.UNIT:
-            hint = meant(abs(factor), FACTORS) if 0 < abs(factor) < np.inf else ""
-            remedy = f"is it in {hint}?" if hint else "correct it, or leave it out to have it estimated"
+            hint = meant(abs(factor), UNITS[state]) if 0 < abs(factor) < np.inf else ""
+            remedy = (
+                f"is it in {hint} instead of {UNITS[state]}?"
+                if hint
+                else "correct it, or leave it out to have it estimated"
+            )
             findings.append(Finding("initial_state", IMPOSSIBLE, text, remedy, state, run.name, size=size))
         else:
             findings.append(

@@ -64,10 +64,13 @@ def load(
     with contextlib.suppress(OSError):
         os.utime(folder)  # what is used is kept; not the file: older numba takes another age for another text
     if fresh:  # written aside and renamed, for two processes may start at once
-        folder.mkdir(exist_ok=True)
-        aside = folder / f"kernel.{os.getpid()}.tmp"
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
+        try:
+            folder.mkdir(exist_ok=True)
+            aside = folder / f"kernel.{os.getpid()}.tmp"
+            aside.write_text(text, encoding="utf-8")
+            os.replace(aside, path)
+        except OSError as error:
+            raise _not_kept(folder.parent, error) from None
         prune(folder.parent)
     name = f"inductrack_kernel_{key}"
     spec = importlib.util.spec_from_file_location(name, path)
@@ -97,13 +100,24 @@ def load(
     except NumbaError as error:
         names = ", ".join([*(e.name for e in items), *channels])
         raise InputError(f"the effects and channels {names} do not compile together: {_reason(error)}") from error
-    except Exception:
+    except Exception as error:
         if not kept:
+            shutil.rmtree(folder, ignore_errors=True)  # what was kept of it is not whole
+            if isinstance(error, OSError):
+                raise _not_kept(folder.parent, error) from None
             raise
         shutil.rmtree(folder, ignore_errors=True)  # what was kept is damaged
         return load(text, items, warm_up, flags, announce, channels)
     _modules[key] = module
     return module
+
+
+def _not_kept(folder: Path, error: OSError) -> InputError:
+    """No room for compiled code, in words."""
+    return InputError(
+        f"{folder}: compiled code cannot be kept there: {error.strerror}; make room, or set INDUCTRACK_CACHE to another"
+        " folder"
+    )
 
 
 def _plain(value: Any) -> Any:

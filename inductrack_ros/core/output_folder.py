@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import tempfile
@@ -20,6 +21,8 @@ def output_folder(given: str | Path, apart_from: Path | None = None) -> Iterator
     Results are not mixed into the folder ``apart_from``, the campaign's own. Raises `InputError` where ``given`` cannot
     be written, before any work is done.
     """
+    if not str(given):
+        raise InputError("--output: is empty; give a folder")
     target = Path(given)
     if apart_from is not None and target.resolve() == apart_from.resolve():
         raise InputError(f"--output {given}: that is the campaign's own folder; choose another")
@@ -35,10 +38,15 @@ def output_folder(given: str | Path, apart_from: Path | None = None) -> Iterator
             temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.absolute().parent))
         except OSError as error:
             raise InputError(f"--output {given}: cannot be written: {error.strerror}") from None
-        yield temporary
-        target.mkdir(exist_ok=True)
-        for file in sorted(temporary.iterdir()):
-            file.replace(target / file.name)
+        try:
+            yield temporary
+            target.mkdir(exist_ok=True)
+            for file in sorted(temporary.iterdir()):
+                file.replace(target / file.name)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise
+            raise InputError(f"--output {given}: cannot be written: {error.strerror}; nothing was kept") from None
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)

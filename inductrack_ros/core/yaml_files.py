@@ -22,7 +22,13 @@ class Lines(dict):
 
 
 class _Loader(yaml.SafeLoader):
-    """1e-3 is a number, as ROS 2 has it; YAML 1.1, which PyYAML follows, asks for 1.0e-3."""
+    """1e-3 is a number, as ROS 2 has it; YAML 1.1, which PyYAML follows, asks for 1.0e-3. 9:30, 010 and 9_300 are none,
+    where YAML 1.1 reads 570, 8 and 9300."""
+
+    yaml_implicit_resolvers = {
+        first: [(tag, form) for tag, form in resolvers if not tag.endswith((":int", ":float"))]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
 
 class _NoAliases(_Loader):
@@ -53,8 +59,12 @@ def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Iterator[Lines]
 
 
 _Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
+_NUMBER = list("-+.0123456789")
+_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"[-+]?(0|[1-9]\d*|0x[0-9a-fA-F]+)$"), _NUMBER)
 _Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))$|\.(nan|NaN|NAN)$"),
+    _NUMBER,
 )
 
 

@@ -32,6 +32,14 @@ def is_bag(path: Path) -> bool:
     )
 
 
+def storage_inside(folder: Path) -> bool:
+    """Whether a folder holds storage files of a bag."""
+    try:
+        return folder.is_dir() and any(map(_is_storage, folder.iterdir()))
+    except OSError:
+        return False
+
+
 def head_of(file: Path) -> bytes:
     """The first bytes of a file."""
     with file.open("rb") as stream:
@@ -97,7 +105,7 @@ def _found(path: Path, inside: list[Path], notes: list[str]) -> list[Path]:
         if ros1 is not None:
             return [ros1]
         held = _names(sorted(path.iterdir())[:3])
-        bags = [p for p in sorted(path.iterdir()) if p.is_dir() and any(map(_is_storage, p.iterdir()))]
+        bags = [p for p in sorted(path.iterdir()) if storage_inside(p)]
         if bags:
             raise InputError(
                 f"{path}: a folder of {len(bags)} bag{'s' * (len(bags) > 1)}; name one: {_names(bags[:4])}"

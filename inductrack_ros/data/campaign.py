@@ -19,7 +19,7 @@ from ..core.model import Model
 from ..core.parameters import PARAMETERS
 from ..core.state import CHANNELS, STATES
 from ..core.yaml_files import Lines, read_yaml
-from .bag_storage import is_bag, unpacked_name
+from .bag_storage import is_bag, storage_inside, unpacked_name
 from .bags import read_bag
 from .campaign_keys import (
     FREE,
@@ -188,6 +188,9 @@ def _alike(runs: tuple[Run, ...]) -> list[str]:
 def _content(file: Path) -> Any:
     if not exists(file.parent):
         raise InputError(f"{file.parent}: no such folder; a campaign is a folder with {FILE}")
+    if not exists(file) and (file.parent.is_file() or storage_inside(file.parent)):
+        line = f"runs: [{{file: {file.parent.name}, drive_current: 7000.0}}]"
+        raise InputError(f"{file.parent}: is one run; write a {FILE} beside it, `{line}`, and name the folder of both")
     if not exists(file) or file.is_dir():
         raise InputError(f"{file}: no such file; a campaign is a folder with {FILE} in it")
     content = read_yaml(file, aliases=True)

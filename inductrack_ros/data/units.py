@@ -16,6 +16,8 @@ _LENGTHS = {f"{p}m": f for p, f in _PREFIXES.items()} | {
     "meter": 1.0,
     "metre": 1.0,
     "micron": 1e-6,
+    "mil": 2.54e-5,
+    "thou": 2.54e-5,
 }
 _ANGLES = {f"{p}rad": _PREFIXES[p] for p in ("", "m", "µ", "u")} | dict.fromkeys(
     ("deg", "°", "degree", "º"), math.pi / 180
