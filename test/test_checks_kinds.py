@@ -9,7 +9,8 @@ from test_checks import IMPACTS, POSE, changed, flown, kinds, measured
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look
 from inductrack_ros.core.model import Model
-from inductrack_ros.core.state import CHANNELS
+from inductrack_ros.core.state import CHANNELS, STATES
+from inductrack_ros.data import read_bag, read_csv, write_bag
 
 
 @pytest.fixture(scope="module")
@@ -184,3 +185,181 @@ def test_a_short_clean_run_does_not_hum(model):
     """The median of eight spectra scatters further up than that of many."""
     short = flown([(7000.0, {"surge_rate": 18.0, "sway": 2e-3})], POSE, count=300, step=4e-3, seed=53)
     assert not [f.line for f in look(short, model) if f.kind == "hum"]
+
+
+# ---------------------------------------------------------------- of two sources, counted, filled in
+
+
+def pattern(name):
+    """Which samples are of another rig, by how its messages fall among one's own."""
+    n = np.arange(301)
+    return {"in turn": n % 2 == 1, "every third": n % 3 == 1, "every tenth": n % 10 == 4}[name]
+
+
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("name", ["in turn", "every third", "every tenth"])
+def test_samples_of_two_rigs_in_one_run_are_named(name, stated, pose, model):
+    """Without a noise that is stated, what goes to and fro would pass for noise."""
+    other = measured(seed=4)
+    apart = np.array([3.0, 3e-3, 1e-3, 2e-2])
+
+    def mixed(run):
+        theirs = next(r.values for r in other.runs if r.name == run.name) + apart
+        return replace(run, values=np.where(pattern(name)[:, None], theirs, run.values))
+
+    both = of_run(pose if stated else replace(pose, noise_std={}), "b", mixed)
+    (found,) = impossible(look(both, model))
+    assert (found.kind, found.run, found.channel) == ("interleaved", "b", "heave")
+    assert "go to and fro between two courses" in found.text and "two files" in found.remedy
+    assert set(found.samples["b"]) == set(np.flatnonzero(pattern(name)))
+
+
+def test_what_is_no_second_source(pose, everything, model):
+    """Bad bits of one sensor, coarse readings, hum at half the sampling rate."""
+    rng = np.random.default_rng(5)
+    bits = changed(pose, "heave", lambda y: y + 2.56e-3 * (rng.random(len(y)) < 0.08))
+    coarse = changed(changed(pose, "heave", lambda y: np.round(y, 4)), "sway", lambda y: np.round(y, 4))
+    hum = changed(pose, "heave", lambda y: y + 1e-3 * (-1.0) ** np.arange(len(y)))
+    for campaign in (bits, coarse, hum, everything):
+        assert "interleaved" not in {f.kind for f in look(campaign, model)}
+
+
+def test_a_travel_that_is_counted_within_a_length_is_named(pose, model):
+    (found,) = look(changed(pose, "surge", lambda y: np.mod(y, 0.4)), model)
+    assert (found.kind, found.channel, found.severity) == ("value_jump", "surge", IMPOSSIBLE)
+    assert found.size["jump"] == pytest.approx(-0.4, rel=0.01) and found.size["count"] > 20
+
+
+@pytest.mark.parametrize(("channel", "first", "count"), [("heave", 100, 40), ("roll", 30, 14), ("surge", 200, 30)])
+def test_what_was_filled_in_by_a_line_is_set_aside(channel, first, count, pose, model):
+    def line(y):
+        y[first : first + count] = np.linspace(y[first], y[first + count - 1], count)
+        return y
+
+    used, (found,) = admit(changed(pose, channel, line, "b"), model)
+    assert (found.kind, found.channel, found.severity) == ("filled", channel, SET_ASIDE)
+    assert np.isnan(used.runs[1][channel]).sum() == pytest.approx(count - 2, abs=2)
+
+
+def test_smooth_or_clipped_channels_are_not_filled_in(pose, model):
+    smooth = changed(pose, "heave", lambda y: -0.005 + 1e-4 * np.sin(np.arange(len(y)) / 40))
+    clipped = changed(pose, "sway", lambda y: np.clip(y, -1e-3, 1e-3))
+    for campaign in (smooth, clipped):
+        assert "filled" not in {f.kind for f in look(campaign, model)}
+
+
+# ---------------------------------------------------------------- which unit, which axis
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "unit"),
+    [
+        ("roll_rate", 30 / np.pi, "rpm"),
+        ("roll_rate", 180 / np.pi, "degrees/s"),
+        ("surge_rate", 3.6, "km/h"),
+        ("heave_rate", 1e3, "mm/s"),
+        ("heave_acceleration", 1 / 9.80665, "g"),
+        ("sway_acceleration", 1e3 / 9.80665, "mg"),
+    ],
+)
+def test_a_rate_in_another_unit_is_named_with_that_unit(channel, factor, unit, everything, model):
+    found = impossible(look(changed(everything, channel, lambda y: factor * y), model))
+    assert any(f.kind == "unit" and f"is {channel} in {unit} instead of" in f.remedy for f in found)
+
+
+def test_an_accelerometer_in_g_beside_gaps_alone_is_named(model):
+    gaps = measured(("surge", "gap_top", "gap_right", "gap_left", "heave_acceleration"))
+    assert look(gaps, model) == ()
+    (found,) = impossible(look(changed(gaps, "heave_acceleration", lambda y: y / 9.80665), model))
+    assert "second derivative of gap_top" in found.text and "in g instead of" in found.remedy
+
+
+def test_gravity_in_an_accelerometer_in_g_hides_no_unit(everything, model):
+    upright = changed(everything, "heave_acceleration", lambda y: (y + 9.80665) / 9.80665)
+    (found,) = [f for f in impossible(look(upright, model)) if f.channel == "heave_acceleration"]
+    assert "heave_acceleration in g" in found.remedy
+
+
+def test_accelerations_that_changed_places_are_named(model):
+    sensed = measured((*POSE, "sway_acceleration", "heave_acceleration"))
+
+    def exchanged(run):
+        values = run.values.copy()
+        values[:, -2:] = values[:, [-1, -2]]
+        return replace(run, values=values)
+
+    swapped = replace(sensed, runs=tuple(map(exchanged, sensed.runs)))
+    found = impossible(look(swapped, model))
+    assert [f.channel for f in found] == ["sway_acceleration", "heave_acceleration"]
+    assert "heave_acceleration is: exchange the two columns" in found[0].remedy
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e6, "µm"), (1 / 2.54e-5, "mil")])
+def test_a_small_unit_is_named(factor, unit, everything, model):
+    found = impossible(look(changed(everything, "gap_top", lambda y: factor * y), model))
+    assert any(f.channel == "gap_top" and f"'gap_top [{unit}]'" in f.remedy for f in found)
+
+
+@pytest.mark.parametrize("channel", ["heave", "sway"])
+def test_a_travel_along_another_axis_is_named(channel, pose, model):
+    """A frame with z along the travel, as cameras have it."""
+
+    def turned(run):
+        values = run.values.copy()
+        columns = [run.channels.index("surge"), run.channels.index(channel)]
+        values[:, columns] = values[:, columns[::-1]]
+        return replace(run, values=values)
+
+    found = impossible(look(replace(pose, runs=tuple(map(turned, pose.runs))), model))
+    assert [(f.kind, f.channel) for f in found] == [("axis_flipped", channel)]
+    assert "like a travel" in found[0].text and "the axes are exchanged" in found[0].text
+
+
+# ---------------------------------------------------------------- dead channels
+
+
+def test_a_dead_channel_is_not_said_to_move_otherwise_too(pose, model):
+    """One finding for one cause."""
+    for stated in (pose, replace(pose, noise_std={})):
+        (found,) = look(changed(stated, "sway", lambda y: 0 * y), model)
+        assert (found.kind, found.channel) == ("constant", "sway")
+
+
+def test_a_gap_that_stands_still_while_the_cradle_heaves_is_dead(everything, model):
+    found = impossible(look(changed(everything, "gap_left", lambda y: 0 * y + 5.0), model))
+    assert [(f.kind, f.channel) for f in found] == [("constant", "gap_left")] and "while heave moves" in found[0].text
+
+
+# ---------------------------------------------------------------- where it stands
+
+
+@pytest.fixture
+def rig():
+    """All states, as a bag has them."""
+    return measured(tuple(STATES))
+
+
+def test_findings_name_rows_and_messages(tmp_path, pose, rig, model):
+    """Of a table under any name, though rows before were left out; of a bag the message."""
+    run = pose.runs[1]
+    values = run.values.copy()
+    values[60, 2] += 0.05
+    lines = ["\t".join(("time", *run.channels)), "s\tm\tm\tm\trad"]
+    lines += ["\t".join(f"{v:.9g}" for v in (t, *row)) for t, row in zip(run.times, values, strict=True)]
+    (tmp_path / "b.dat").write_text("\r\n".join(["made by hand", *lines]), encoding="utf-16")
+    read = read_csv(tmp_path / "b.dat")
+    (found,) = look(replace(pose, runs=(pose.runs[0], replace(read, drive_current=5000.0), pose.runs[2])), model)
+    assert "heave in b.dat, row 64, at 0.12 s is off by" in found.text
+    rig.runs[1].values[60, 2] += 0.05
+    write_bag(tmp_path / "b", run.times, dict(zip(STATES, rig.runs[1].values.T, strict=True)))
+    bag = replace(read_bag(tmp_path / "b"), drive_current=5000.0)
+    (found,) = look(replace(rig, runs=(bag,)), model)
+    assert "heave in b, message 61, at 0.12 s is off by" in found.text
+
+
+def test_units_of_a_bag_are_not_written_in_a_header(tmp_path, rig, model):
+    columns = dict(zip(STATES, rig.runs[1].values.T, strict=True))
+    write_bag(tmp_path / "b", rig.runs[1].times, columns | {"heave": 1e3 * columns["heave"]})
+    alone = replace(rig, runs=(replace(read_bag(tmp_path / "b"), drive_current=5000.0),))
+    (found,) = [f for f in impossible(look(alone, model)) if f.kind == "unit"]
+    assert found.channel == "heave" and "publish it so" in found.remedy and "header" not in found.remedy

@@ -80,6 +80,15 @@ SAME = {
     "a trailing separator in the header only": PLAIN.replace("heave\n", "heave,\n"),
     "a blank without width": PLAIN.replace("surge", "\u200bsurge"),
     "plus signs": PLAIN.replace("1.5", "+1.5"),
+    "a line below the header": PLAIN.replace("heave\n", "heave\n----,-----,-----\n"),
+    "columns under a line": "time surge heave\n---- ----- -----\n0 1.5 -0.005\n0.1 nan -0.004\n0.25 2.5e-1 -0.003\n",
+    "UTF-16 with tabs and the line ends of DOS": PLAIN.replace(",", "\t").replace("\n", "\r\n").encode("utf-16"),
+    "no number, of a compiler for Windows": PLAIN.replace(",,", ",-1.#IND00,"),
+    "no number, of the same": PLAIN.replace(",,", ",1.#QNAN,"),
+    "a column of blanks": PLAIN.replace("heave\n", "heave,  \n")
+    .replace("5\n", "5, \n")
+    .replace("4\n", "4, \n")
+    .replace("3\n", "3, \n"),
 }
 
 
@@ -98,6 +107,8 @@ CONVERTED = {
     "in a row of its own": "time,surge,heave\nms,mm,µm\n0,1500,-5000\n100,,-4000\n250,250,-3000\n",
     "behind a colon": "time: ms,surge: mm,heave: um\n0,1500,-5000\n100,,-4000\n250,250,-3000\n",
     "in a row in brackets": "time,surge,heave\n[ms],[mm],[µm]\n0,1500,-5000\n100,,-4000\n250,250,-3000\n",
+    "in a row above": "ms,mm,µm\ntime,surge,heave\n0,1500,-5000\n100,,-4000\n250,250,-3000\n",
+    "in a row above, in brackets": "[ms];[mm];[µm]\ntime;surge;heave\n0;1500;-5000\n100;;-4000\n250;250;-3000\n",
     "in Windows-1252": "time [ms],surge [mm],heave [µm]\n0,1500,-5000\n100,,-4000\n250,250,-3000\n".encode("cp1252"),
 }
 
@@ -361,6 +372,8 @@ DATES = {
     "past midnight, the day first": ["01/02/2026 23:59:59.5", "02/02/2026 00:00:00", "02/02/2026 00:00:00.25"],
     "MATLAB": ["29-Nov-2026 10:00:59.500", "29-Nov-2026 10:01:00.000", "29-Nov-2026 10:01:00.250"],
     "the month in words": ["Nov 29 2026 10:00:59.5", "Nov 29 2026 10:01:00", "Nov 29 2026 10:01:00.25"],
+    "with the weekday": ["Sun, 29 Nov 2026 10:00:59.5", "Sun, 29 Nov 2026 10:01:00", "Sun, 29 Nov 2026 10:01:00.25"],
+    "ms behind a colon": ["10:00:59:500", "10:01:00:000", "10:01:00:250"],
     "time of day": ["10:00:59.500", "10:01:00.000", "10:01:00.250"],
     "stopwatch": ["00:59.5", "01:00.0", "01:00.25"],
 }

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags as recorders, crashes and converters leave them: read, with a word about what is not as it should be."""
 
+import contextlib
 import shutil
 import sqlite3
+import struct
 
 import numpy as np
 import pytest
@@ -381,3 +383,60 @@ def test_a_topic_without_messages_is_there(tmp_path):
     bag = record(tmp_path / "bag", {"/inductrack/measured/pose": POSE})
     with pytest.raises(InputError, match=r"/measured/pose: no messages; record it again, or set topics: \{pose: "):
         read_bag(bag)
+
+
+# ---------------------------------------------------------------- what is no bag, or more than one
+
+
+def database(file, *tables):
+    with contextlib.closing(sqlite3.connect(file)) as opened:
+        for table in tables:
+            opened.execute(f"CREATE TABLE {table}(id INTEGER)")
+        opened.commit()
+    return file
+
+
+@pytest.mark.parametrize("tables", [("bookmarks", "visits"), ("topics",)])
+def test_a_database_that_is_no_bag_is_not_called_damaged(tmp_path, tables):
+    (tmp_path / "run").mkdir()
+    for path in (database(tmp_path / "run" / "x.db3", *tables), tmp_path / "run"):
+        held = f"it holds {', '.join(tables)}"
+        with pytest.raises(InputError, match=f"is an SQLite database, but no rosbag2: .*{held}") as caught:
+            read_bag(path)
+        assert "damaged" not in str(caught.value)
+
+
+def test_a_folder_of_bags_names_them(tmp_path):
+    for name in ("one", "two"):
+        record(tmp_path / "runs" / name, {GOOD: poses()})
+    with pytest.raises(InputError, match="runs: a folder of 2 bags; name one: one, two"):
+        read_bag(tmp_path / "runs")
+
+
+def test_an_mcap_without_its_summary_is_whole(tmp_path):
+    bag = record(tmp_path / "bag", {GOOD: poses(5)})
+    (file,) = bag.glob("*.mcap")
+    data = file.read_bytes()
+    footer = len(data) - 8 - 20 - 9
+    (summary,) = struct.unpack("<Q", data[footer + 9 : footer + 17])
+    file.write_bytes(data[:summary] + b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + data[-8:])
+    run = read_bag(bag)
+    assert len(run.times) == 5 and run.notes == ()
+
+
+def test_a_few_orientations_that_are_none_are_not_measured(tmp_path):
+    some = [pose(EPOCH + i * 2_000_000, (0.1 * i, 0, -0.005, 0)) for i in range(8)]
+    some[5] = pose(EPOCH + 5 * 2_000_000, (0.5, 0, -0.005, 0), [0, 0, 0, 0.3])
+    run = read_bag(record(tmp_path / "bag", {GOOD: some}))
+    assert run.numbers.tolist() == [1, 2, 3, 4, 5, 7, 8]
+    assert run.notes == (
+        f"1 of 8 poses on {GOOD} are not measured: message 6 has an orientation of length 0.3, no unit quaternion",
+    )
+
+
+def test_samples_know_their_messages_where_only_the_pose_gives_them(tmp_path):
+    late = poses(5)
+    late[1], late[2] = late[2], late[1]
+    assert read_bag(record(tmp_path / "late", {GOOD: late})).numbers.tolist() == [1, 3, 2, 4, 5]
+    beside = {GOOD: poses(5), "/inductrack/twist": [twist(EPOCH + 500)]}
+    assert read_bag(record(tmp_path / "beside", beside)).numbers is None

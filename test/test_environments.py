@@ -4,6 +4,7 @@ terminal."""
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import shutil
@@ -17,7 +18,9 @@ from test_compare import make_campaign
 
 import inductrack_ros
 from inductrack_ros import cli
+from inductrack_ros.core import compiled
 from inductrack_ros.core.cache import cache_folder
+from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 
 AS_NOBODY = """
@@ -103,3 +106,77 @@ def test_a_folder_whose_name_is_no_text(tmp_path, monkeypatch):
     assert status == 0 and "predicts" in said and (named / os.fsdecode(b"\xe4") / "report.html").exists()
     status, said = said_by(["compare", str(named / "none"), "--output", "x"], monkeypatch, "latin-1")
     assert status == 2 and "no such folder" in said
+
+
+# ---------------------------------------------------------------- streams, folders and disks that fail
+
+
+def test_streams_that_were_closed(tmp_path, monkeypatch):
+    """`>&-` leaves Python without the stream."""
+    with monkeypatch.context() as closed:
+        closed.setattr(sys, "stdout", None)
+        closed.setattr(sys, "stderr", None)
+        assert cli.main(["simulate", "--duration", "0.01", "--output", str(tmp_path / "run.csv")]) == 0
+        assert cli.main(["check", str(tmp_path / "none"), "--output", str(tmp_path / "out")]) == 2
+    assert (tmp_path / "run.csv").exists()
+
+
+def test_a_standard_error_that_cannot_be_written_changes_no_status(tmp_path):
+    """`2>/dev/full`."""
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "inductrack_ros.cli", "check", str(tmp_path / "none"), "--output", "out"],
+            cwd=tmp_path, stderr=full, stdout=subprocess.PIPE, timeout=60, check=False,
+        )  # fmt: skip
+    assert done.returncode == 2 and not done.stdout
+
+
+def test_a_current_folder_that_is_gone(tmp_path, monkeypatch, capsys):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert cli.main(["simulate", "--duration", "0.01", "--output", "run.csv"]) == 2
+    assert "the current folder is gone; change into one that exists" in capsys.readouterr().err
+
+
+def test_a_disk_that_is_full_is_named_with_its_folder(tmp_path, monkeypatch, capsys):
+    rig = make_campaign(tmp_path / "rig", Model.default(), duration=0.1)
+
+    def full(self, *_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(Path, "write_text", full)
+        assert cli.main(["check", str(rig), "--output", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert f"--output {tmp_path / 'out'}: cannot be written: No space left on device; nothing was kept" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_room_for_compiled_code_names_the_folder_and_the_variable(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setenv("INDUCTRACK_CACHE", str(tmp_path))
+    monkeypatch.setattr(compiled.os, "replace", full)
+    with pytest.raises(InputError, match=f"{tmp_path}: compiled code cannot be kept there: .*set INDUCTRACK_CACHE"):
+        compiled.load("VALUE = 1", [], lambda module: None)
+
+
+def test_an_empty_name_is_no_folder(tmp_path, capsys):
+    """`--output $UNSET` is not to write into the current folder."""
+    rig = make_campaign(tmp_path / "rig", Model.default(), duration=0.1)
+    assert cli.main(["check", str(rig), "--output", ""]) == 2
+    assert "--output: is empty; give a folder" in capsys.readouterr().err
+
+
+def test_one_run_in_place_of_a_campaign_says_what_to_write(tmp_path, capsys):
+    rig = make_campaign(tmp_path / "rig", Model.default(), duration=0.1)
+    file = next(rig.glob("*.csv"))
+    assert cli.main(["check", str(file), "--output", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert (
+        f"is one run; write a campaign.yaml beside it, `runs: [{{file: {file.name}, drive_current: 7000.0}}]`" in said
+    )

@@ -95,6 +95,34 @@ def test_coasting_needs_no_pulses_and_the_parameter_file_of_all_nodes_is_a_model
     assert campaign.load_model(Path(__file__).parent.parent / "config" / "default.yaml") == Model.default()
 
 
+@pytest.mark.parametrize("written", ["9:30", "010", "9_300.0", "'9.3'", "9,3", "yes", "9.3 kg", "2026-01-01"])
+def test_what_only_old_yaml_takes_for_a_number_is_none(tmp_path, written):
+    """YAML 1.1 reads 570 kg out of 9:30, 8 kg out of 010."""
+    (tmp_path / "model.yaml").write_text(f"/**:\n  ros__parameters: {{mass: {written}}}\n".replace("9,3", '"9,3"'))
+    with pytest.raises(InputError, match="model.yaml: mass = .* is not a number; give one in"):
+        Model.load(tmp_path / "model.yaml")
+
+
+@pytest.mark.parametrize(
+    ("written", "mass"),
+    [("9", 9.0), ("9.", 9.0), ("+9.5", 9.5), ("9e0", 9.0), ("0.95e+1", 9.5), ("95.0e-1", 9.5), ("0x9", 9.0)],
+)
+def test_numbers_as_ros_2_reads_them(tmp_path, written, mass):
+    (tmp_path / "model.yaml").write_text(f"/**:\n  ros__parameters: {{mass: {written}}}\n")
+    assert Model.load(tmp_path / "model.yaml").parameters["mass"] == mass
+
+
+def test_where_the_sim_node_starts_is_not_where_a_simulated_run_does(tmp_path, capsys):
+    """What stands in a parameter file and is not used is said."""
+    file, output = str(tmp_path / "model.yaml"), str(tmp_path / "run.csv")
+    (tmp_path / "model.yaml").write_text("/**:\n  ros__parameters: {initial_state: surge_rate=20.0}\n")
+    arguments = ["simulate", "--model", file, "--duration", "0.01", "--output", output]
+    assert cli.main(arguments) == 0
+    assert f"initial_state of {file} is for the sim node; --initial says where" in capsys.readouterr().out
+    assert cli.main([*arguments, "--initial", "surge_rate=20.0"]) == 0
+    assert "initial_state" not in capsys.readouterr().out
+
+
 def test_a_campaign_runs_no_code(folder):
     """What its own model names is run once the user names it too, by whatever path; what --model names is named."""
     rig = folder / "rig"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.state import COORDINATES, GAPS
 from ..data import Campaign, Run
 from ..data.measurement import Array
-from .finding import IMPOSSIBLE, Finding, of_a_bag, place, quantity, shared
+from .finding import IMPOSSIBLE, Finding, as_samples, of_a_bag, quantity, shared, spot
 from .noise_found import READINGS, Channel
 
 #: The largest steps of a channel are the one that this part of them exceeds; a step away is more than half of it.
@@ -26,6 +26,8 @@ CANCEL, MOST = 0.2, 0.8
 APART = 3.0
 #: Fewest steps away, and the part of all steps: what is rarer is an outlier.
 FEWEST, RARE = 12, 0.04
+#: The channel of which the report shows a picture, if it is among those: travel would hide what is apart.
+SHOWN = ("heave", "sway")
 #: Where one channel steps away another does so too, at this part of the samples.
 TOGETHER = 0.7
 
@@ -39,8 +41,8 @@ def interleaved(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Fin
         first = min(int(rows[0]) for rows, _ in found.values())
         sizes = [f"{c} by {quantity(c, size)}" for c, (_, size) in found.items()]
         text = (
-            f"the samples of {run.name} go to and fro between two courses (first behind {place(run, first)}), apart in"
-            f" {shared(sizes)}: they are of two sources"
+            f"the samples of {run.file.name} go to and fro between two courses (first behind {spot(run, first)}),"
+            f" apart in {shared(sizes)}: they are of two sources"
         )
         remedy = (
             "find the second publisher (`ros2 topic info -v TOPIC`) and record one of them"
@@ -48,7 +50,9 @@ def interleaved(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Fin
             else "make two files of two rigs or recordings"
         )
         size = {"channels": list(found), "apart": {c: s for c, (_, s) in found.items()}}
-        return [Finding("interleaved", IMPOSSIBLE, text, remedy, run=run.name, size=size)]
+        channel = next(c for c in (*SHOWN, *found) if c in found)
+        other = as_samples({run.name: _other_course(run, channel, found[channel][1])})
+        return [Finding("interleaved", IMPOSSIBLE, text, remedy, channel, run.name, other, size)]
     return []
 
 
@@ -77,11 +81,23 @@ def _steps(run: Run, channel: str, about: Channel) -> tuple[NDArray[np.intp], ND
         return None
     steps = np.abs(toward := np.diff(values) - (values[-1] - values[0]) / (len(values) - 1))
     away = np.flatnonzero(steps > AWAY * np.quantile(steps, 1.0 - LARGEST))
+    if len(away) < max(FEWEST, RARE * len(steps)) or not _cancel(toward[away]):
+        return None
     least = APART * max(about.step, _usual(values))
     size = float(np.median(steps[away]))
-    if len(away) < max(FEWEST, RARE * len(steps)) or size < least or not _cancel(toward[away]):
+    if size < least:
         return None
     return known[away], known[np.flatnonzero(steps > least)], size
+
+
+def _other_course(run: Run, channel: str, size: float) -> NDArray[np.intp]:
+    """Samples of a channel on the course on which it does not begin, ``size`` from the other."""
+    known = np.flatnonzero(~np.isnan(run[channel]))[:READINGS]
+    steps = np.diff(run[channel][known])
+    away = np.flatnonzero(np.abs(steps) > AWAY * size)
+    there = np.sign(steps[away]) == np.sign(steps[away[0]])
+    lasting = np.diff(np.append(away, len(known) - 1))
+    return known[away[0] + 1 :][np.repeat(there, lasting)]
 
 
 def _usual(values: Array) -> float:

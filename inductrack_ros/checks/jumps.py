@@ -74,7 +74,8 @@ def wraps(campaign: Campaign) -> list[Finding]:
         )
         remedy = f"add {length:.4g} m to all that follows, at each of these places"
         size = {"jump": -length, "count": len(again)}
-        return [Finding("value_jump", IMPOSSIBLE, text, remedy, "surge", run.name, size=size)]
+        behind = as_samples({run.name: known[again + 1]})
+        return [Finding("value_jump", IMPOSSIBLE, text, remedy, "surge", run.name, behind, size)]
     return []
 
 
@@ -123,4 +124,6 @@ def _jump(channel: str, found: list[tuple[Run, int, float]]) -> Finding:
         if turns
         else "its zero was moved or counts were lost: correct the later samples, or make two runs of it"
     )
-    return Finding("value_jump", IMPOSSIBLE, text, remedy, channel, run.name, size={"jump": size, "count": len(found)})
+    behind = as_samples({run.name: np.arange(i + 1, min(i + 1 + BESIDE, len(run.times)))})
+    size_of = {"jump": size, "count": len(found)}
+    return Finding("value_jump", IMPOSSIBLE, text, remedy, channel, run.name, behind, size_of)

@@ -10,7 +10,7 @@ import numpy as np
 from ..core.state import UNITS
 from ..data import Campaign
 from . import levels, spectrum
-from .finding import IMPOSSIBLE, WARNING, Finding, number
+from .finding import IMPOSSIBLE, WARNING, Finding, number, quantity
 from .noise_found import Channel
 
 #: Other units in which a channel of this SI unit may be written, and what 1 of that is in them.
@@ -61,8 +61,8 @@ def _differs(channel: str, stated: float, about: Channel, moving: bool) -> list[
     size = {"ratio": ratio, "found": found, "stated": stated}
     unit = UNITS[channel]
     text = (
-        f"the noise of {channel} is {number(found)} {unit}, {number(ratio)} {'of' if ratio < 1 else 'times'} the"
-        f" noise_std stated, {number(stated)} {unit}"
+        f"the noise of {channel} is {quantity(channel, found)}, {number(ratio)} {'of' if ratio < 1 else 'times'} the"
+        f" noise_std stated, {quantity(channel, stated)}"
     )
     if not 1 / levels.NOISE_IMPOSSIBLE < ratio < levels.NOISE_IMPOSSIBLE:
         hint = meant(ratio, unit) or meant(1 / ratio, unit)

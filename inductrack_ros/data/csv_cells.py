@@ -35,7 +35,7 @@ _COMMA = re.compile(r"[+-]?[\d.]*,[\d.,]*([eE][+-]?\d+)?", re.ASCII)
 _POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{2,3})*,\d{3}(\.\d*)?", re.ASCII)
 #: A line between header and rows.
-_RULE = re.compile(r"[-=+:_|\s]*[-=_]{3}[-=+:_|\s]*")
+_RULE = re.compile(r"[-=+:_|,;\s]*[-=_]{3}[-=+:_|,;\s]*")
 
 
 def split(line: str, separator: str) -> list[str]:

@@ -224,7 +224,7 @@ class _Table:
             numbers = [number(c, decimal) if isinstance(c, str) else float("nan") for c in text]
             if None in numbers:
                 self._name_the_cell([self.time], decimal)
-            return np.array(numbers, float)
+            return np.array(numbers, np.float64)
         return np.array(whole, np.int64)
 
     def _times(self, times: Array | NDArray[np.int64]) -> Array | NDArray[np.int64]:

@@ -144,6 +144,9 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
     """The samples around the first that a finding is about, those meant marked; nothing for one that names none."""
     if "off" in finding.size:
         return page.figure(_motion(finding), f"{finding.text}.")
+    if finding.kind in ("clock_jump", "hole") and "sample" in finding.size:
+        run = next(r for r in result.campaign.runs if r.name == finding.run)
+        return page.figure(_clock(run, finding), f"{run.name}: {finding.text}.")
     if finding.channel is None or not finding.samples:
         return ""
     name, rows = next(iter(finding.samples.items()))
@@ -159,13 +162,30 @@ def _picture(page: Page, result: Check, finding: Finding) -> str:
         values = values - np.polynomial.Polynomial.fit(run.times[seen], values[seen], 1)(run.times)
         axis = "off a steady travel"
     data = [
-        _dots(run, others, values, "@measured", "used"),
-        _dots(run, marked, values, "@before", CALLED[finding.severity]),
+        _dots(run, others, values, "@measured", "measured" if finding.severity == IMPOSSIBLE else "used"),
+        _dots(run, marked, values, "@before", CALLED[finding.severity], meant=True),
     ]
     layout = {"xaxis": {"title": "time, s"}, "yaxis": {"title": f"{axis}, {unit}"}, "margin": {"t": 10}}
     return page.figure(
         Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{name}: {finding.text}."
     )
+
+
+def _clock(run: Run, finding: Finding) -> Figure:
+    """The times of the samples around a jump of the clock, those behind it marked."""
+    jump = int(finding.size["sample"])
+    rows = np.arange(max(jump - BESIDE, 0), min(jump + BESIDE, len(run.times)))
+    data = [
+        {
+            "type": "scatter", "mode": "markers", "name": name, "x": packed(mine + 1.0), "y": packed(run.times[mine]),
+            "marker": {"color": colour, "size": 5},
+        }
+        for name, mine, colour in (
+            ("before", rows[rows < jump], "@measured"), ("behind", rows[rows >= jump], "@before"),
+        )
+    ]  # fmt: skip
+    layout = {"xaxis": {"title": "sample"}, "yaxis": {"title": "time, s"}, "margin": {"t": 10}}
+    return Figure(data, layout, f"Times of {run.name}: {finding.text}", 260)
 
 
 def _motion(finding: Finding) -> Figure:
@@ -200,10 +220,13 @@ def _motion(finding: Finding) -> Figure:
     )
 
 
-def _dots(run: Run, rows: np.ndarray, values: np.ndarray, colour: str, name: str) -> dict[str, object]:
+def _dots(
+    run: Run, rows: np.ndarray, values: np.ndarray, colour: str, name: str, meant: bool = False
+) -> dict[str, object]:
+    """Dots of some samples, or crosses where they are those that a finding is about."""
     return {
         "type": "scatter", "mode": "markers", "name": name, "x": packed(run.times[rows]), "y": packed(values[rows]),
-        "marker": {"color": colour, "size": 5 if name == "used" else 10, "symbol": "circle" if name == "used" else "x"},
+        "marker": {"color": colour, "size": 10 if meant else 5, "symbol": "x" if meant else "circle"},
     }  # fmt: skip
 
 

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What loggers and spreadsheets put around and into a table, and how they count time."""
+
+import re
+
+import numpy as np
+import pytest
+from test_data_csv_dialects import PLAIN, read
+
+from inductrack_ros.core.errors import InputError
+from inductrack_ros.data import read_csv
+
+
+@pytest.fixture
+def plain(tmp_path):
+    return read(tmp_path, PLAIN)
+
+
+def test_a_group_above_the_header_is_no_unit(tmp_path, plain):
+    """The letters of a group may be a unit's; a row of units holds nothing else."""
+    run = read(tmp_path, "m,laser,laser\n" + PLAIN)
+    assert np.array_equal(run.values, plain.values, equal_nan=True) and run.notes == (
+        "1 row before the header left out",
+    )
+
+
+BEHIND = {
+    "what a spreadsheet adds": (
+        "Mean,0.9,-0.004\nStd.,0.1,0.0001\n",
+        "2 rows behind the data left out: 'Mean', 'Std.'",
+    ),
+    "with colons, behind empty rows": (",,\nMin:,0.25,-0.005\nMax:,1.5,-0.003\n", "2 rows behind .*: 'Min:', 'Max:'"),
+    "the end, in words": ("End of file\n", "1 row behind the data left out: 'End of file'"),
+    "the end, in quotes": ('"*** END OF DATA ***"\n', "1 row behind"),
+    "of a database": ("(3 rows affected)\n", "1 row behind"),
+    "a name alone": ("Average,,\n", "1 row behind the data left out: 'Average'"),
+}
+
+
+@pytest.mark.parametrize("kind", BEHIND)
+def test_what_stands_behind_the_data_is_left_out_and_said(tmp_path, plain, kind):
+    text, note = BEHIND[kind]
+    run = read(tmp_path, PLAIN + text)
+    assert np.array_equal(run.values, plain.values, equal_nan=True) and np.array_equal(run.times, plain.times)
+    assert len(run.notes) == 1 and re.match(note, run.notes[0])
+
+
+def test_a_bad_time_in_the_last_row_is_no_summary(tmp_path):
+    with pytest.raises(InputError, match="row 5, column 'time': 'abc' is not a number; correct it or delete the row"):
+        read(tmp_path, PLAIN + "abc,0.1,-0.004\n")
+
+
+@pytest.mark.parametrize("word", ["OVER", "ol", "Overflow", "******", "No Data", "ERROR", "Invalid"])
+def test_cells_in_which_an_instrument_says_that_it_reads_nothing(tmp_path, plain, word):
+    run = read(tmp_path, PLAIN.replace(",,", f",{word},"))
+    assert np.array_equal(run.values, plain.values, equal_nan=True)
+    assert run.notes == (f"1 cell of 'surge' without a reading, as '{word}' in row 3",)
+
+
+def test_such_words_in_a_column_that_is_left_out_say_nothing(tmp_path):
+    run = read(tmp_path, "time,heave,state\n0,1,OVER\n1,2,ERROR\n")
+    assert run.notes == ("column left out: 'state'",)
+
+
+@pytest.mark.parametrize(("above", "below"), [(",", ";"), ("\t", " "), (";", "\t"), (",", " ")])
+def test_rows_that_are_separated_otherwise_than_their_header(tmp_path, plain, above, below):
+    head, _, rows = PLAIN.replace(",,", ",nan,").partition("\n")
+    run = read(tmp_path, head.replace(",", above) + "\n" + rows.replace(",", below))
+    assert np.array_equal(run.values, plain.values, equal_nan=True)
+    assert len(run.notes) == 1 and run.notes[0].startswith("the rows are separated by ")
+
+
+def test_a_table_with_a_row_for_each_value_names_its_columns(tmp_path):
+    """As databases export series: the names of channels stand among the data."""
+    with pytest.raises(InputError, match="row 1: no channel beside 'time' .*'name'; 'value'"):
+        read(tmp_path, "time,name,value\n0.0,surge,0.1\n0.0,heave,-0.005\n0.1,surge,0.2\n0.1,heave,-0.005\n")
+
+
+def test_a_table_behind_two_heads_of_settings(tmp_path):
+    """As LabVIEW writes it: the time stands under X_Value."""
+    head = "Separator\tTab\nDate\t2026/11/29\nTime\t10:00:00.12\n***End_of_Header***\n\nChannels\t2\nSamples\t3\t3\n"
+    head += "X_Dimension\tTime\tTime\nX0\t0.0E+0\t0.0E+0\nDelta_X\t0.004\t0.004\n***End_of_Header***\n"
+    run = read(tmp_path, head + "X_Value\tsurge\theave\tComment\n0.0\t0.1\t-0.005\t\n0.004\t0.2\t-0.005\t\n")
+    assert run.times.tolist() == [0.0, 0.004] and run["surge"].tolist() == [0.1, 0.2]
+    assert run.numbers.tolist() == [13, 14]
+
+
+# ---------------------------------------------------------------- long times
+
+EPOCH = 1_764_410_400_123_456_789
+LONG = {
+    "ns": ("time [ns]", lambda ns: f"{ns}"),
+    "ns in the name": ("timestamp_ns", lambda ns: f"{ns}"),
+    "s": ("time", lambda ns: f"{ns // 10**9}.{ns % 10**9:09d}"),
+    "ms": ("time_ms", lambda ns: f"{ns // 10**6}.{ns % 10**6:06d}"),
+}
+
+
+@pytest.mark.parametrize("unit", LONG)
+def test_times_since_1970_lose_no_nanosecond(tmp_path, unit):
+    """A float resolves 0.2 µs of them."""
+    name, write = LONG[unit]
+    stamps = [EPOCH + 4_000_001 * i for i in range(5)]
+    run = read(tmp_path, f"{name},heave\n" + "".join(f"{write(ns)},{i}\n" for i, ns in enumerate(stamps)))
+    assert run.stamps.tolist() == stamps and np.array_equal(run.times, np.arange(5) * 4_000_001 / 1e9)
+    assert run.seconds_stated == (unit != "s")
+    commas = f"{name};heave\n" + "".join(f"{write(ns)};{i}\n".replace(".", ",") for i, ns in enumerate(stamps))
+    assert read(tmp_path, commas).stamps.tolist() == stamps
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [("", "row 4: no time"), ("x", "row 4, column 'time': 'x' is not a number"), ("inf", "row 4, .*infinite")],
+)
+def test_a_long_time_that_is_none_is_named(tmp_path, cell, message):
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, f"time,heave\n1764410400.5,1\n1764410401.5,2\n{cell},3\n1764410402.5,4\n")
+
+
+WRAPPED = {
+    "16 bits of ms": ("time [ms]", 2**16, 4, 1e3),
+    "32 bits of ms": ("time [ms]", 2**32, 4, 1e3),
+    "32 bits of µs": ("time [us]", 2**32, 4000, 1e6),
+    "32 bits of ns": ("time [ns]", 2**32, 4_000_000, 1e9),
+}
+
+
+@pytest.mark.parametrize("what", WRAPPED)
+def test_a_counter_that_wraps_goes_on(tmp_path, what):
+    name, period, step, second = WRAPPED[what]
+    counts = [(period - 5 * step + step * i) % period for i in range(12)]
+    run = read(tmp_path, f"{name},heave\n" + "".join(f"{c},{i}\n" for i, c in enumerate(counts)))
+    assert run.times == pytest.approx(np.arange(12) * step / second, abs=1e-9)
+    assert f"the times count {what} and begin again: {period / second:.10g} s added to the later ones" in run.notes
+
+
+def test_a_clock_that_is_set_back_otherwise_does_not_wrap(tmp_path):
+    times = [65.5, 65.504, 65.508, 0.5, 0.504, 0.508]
+    with pytest.raises(InputError, match=r"row 5 is stamped 65\.008 s earlier"):
+        read(tmp_path, "time,heave\n" + "".join(f"{t},{i}\n" for i, t in enumerate(times)))
+
+
+def test_the_end_of_summer_time_is_named(tmp_path):
+    """Local times without their zone go back by an hour."""
+    times = ["02:59:59.992", "02:59:59.996", "02:00:00.000", "02:00:00.004"]
+    with pytest.raises(InputError, match="row 4 .*; did summer time end\\? write the times in UTC or with their zone"):
+        read(tmp_path, "time,heave\n" + "".join(f"2026-10-25 {t},{i}\n" for i, t in enumerate(times)))
+    zones = [f"2026-10-25T{t}{zone}" for t, zone in zip(times, 2 * ["+02:00"] + 2 * ["+01:00"], strict=True)]
+    run = read(tmp_path, "time,heave\n" + "".join(f"{t},{i}\n" for i, t in enumerate(zones)))
+    assert run.times == pytest.approx([0, 0.004, 0.008, 0.012], abs=1e-12)
+
+
+def test_samples_know_their_rows(tmp_path):
+    """Also where rows are left out, repeated, out of order, or not in a file called CSV."""
+    file = tmp_path / "run.txt"
+    file.write_text("# made by hand\ntime;heave\n\n0;1\n# here\n0,2;3\n0,1;2\n0,1;2\n\n0,3;4\n")
+    run = read_csv(file)
+    assert run["heave"].tolist() == [1, 2, 3, 4] and run.numbers.tolist() == [4, 7, 6, 10]
