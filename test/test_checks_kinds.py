@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The look at the data: what sensors, loggers and clocks do to a run that is otherwise good."""
 
+import html
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,11 @@ import pytest
 from test_checks import IMPACTS, POSE, changed, flown, kinds, measured
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look
+from inductrack_ros.checks.check import check
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import CHANNELS, STATES
 from inductrack_ros.data import read_bag, read_csv, write_bag
+from inductrack_ros.reports.check_report import check_report
 
 
 @pytest.fixture(scope="module")
@@ -363,3 +366,17 @@ def test_units_of_a_bag_are_not_written_in_a_header(tmp_path, rig, model):
     alone = replace(rig, runs=(replace(read_bag(tmp_path / "b"), drive_current=5000.0),))
     (found,) = [f for f in impossible(look(alone, model)) if f.kind == "unit"]
     assert found.channel == "heave" and "publish it so" in found.remedy and "header" not in found.remedy
+
+
+def test_the_page_shows_jumps_and_two_courses(pose, model):
+    """What a sentence says a picture shows: the clock over the samples, the second course beside the first."""
+    ahead = np.where(np.arange(301) < 150, 0.0, 3600.0)
+    summer = of_run(pose, "b", lambda r: replace(r, times=r.times + ahead, stamps=r.stamps + ahead))
+    turns = of_run(pose, "b", lambda r: replace(r, values=r.values + pattern("in turn")[:, None] * [0, 3e-3, 1e-3, 0]))
+    moved = changed(pose, "heave", lambda y: y - 2e-3 * (np.arange(len(y)) >= 120), "b")
+    for campaign, words in (
+        (summer, "Times of b: the clock of b.csv jumps ahead by 60 minutes at sample 151"),
+        (turns, "Heave of b: the samples of b.csv go to and fro"),
+        (moved, "Heave of b: heave jumps by"),
+    ):
+        assert words in html.unescape(check_report(check(campaign, model)))

@@ -62,7 +62,7 @@ def _of_some(campaign: Campaign, odd: Mapping[str, list[Finding]]) -> list[Findi
     for kind in kinds:
         mine = {name: f for name, found in odd.items() for f in found if (f.kind, f.channel) == kind}
         name, first = next(iter(mine.items()))
-        text = f"in {shared(mine)} alone, of {len(campaign.runs)} runs, {first.text}"
+        text = f"in {shared(mine)} alone of {len(campaign.runs)} runs {first.text}"
         result.append(replace(first, text=text, run=name, size={**first.size, "runs": list(mine)}))
     return result
 

@@ -227,8 +227,8 @@ class _Table:
             return np.array(numbers, np.float64)
         return np.array(whole, np.int64)
 
-    def _times(self, times: Array | NDArray[np.int64]) -> Array | NDArray[np.int64]:
-        """Times in SI. Raises InputError where one is missing or infinite."""
+    def _times(self, times: NDArray[Any]) -> NDArray[Any]:
+        """Times (n,) in s; whole ns as they are. Raises InputError where one is missing or infinite."""
         if times.dtype.kind == "i":
             return times
         if np.isnan(times).any():
