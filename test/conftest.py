@@ -50,10 +50,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before any are deselected
 def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.Item]) -> None:
-    """All tests are there; those that take minutes only when asked for."""
+    """All tests are there; the longest come first, and those that take minutes are run only when asked for."""
     lost = missing(session.config, items)
     if lost and not session.testsfailed:
         raise pytest.UsageError(f"{len(lost)} tests are written but were not collected, {lost[0]} for one")
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
     for item in items:
         if item.get_closest_marker("nightly") and not session.config.getoption("--nightly"):
             item.add_marker(pytest.mark.skip(reason="takes minutes: make nightly"))

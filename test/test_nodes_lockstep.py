@@ -174,7 +174,7 @@ def test_the_demo_records_a_run(tmp_path, monkeypatch):
     assert len(first) > 15 and not late  # `listeners`: the recorder misses nothing
 
 
-def test_a_demo_whose_node_fails_does_not_wait_for_the_recording(tmp_path):
+def test_a_demo_whose_node_fails_does_not_wait_for_the_recording():
     failed, recorder = subprocess.Popen(["false"]), subprocess.Popen(["sleep", "600"])
     try:
         failed.wait()

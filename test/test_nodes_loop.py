@@ -51,6 +51,7 @@ def told(command: str, folder: Path, output: Path, *options: str) -> dict:
     return json.loads((output / name).read_text())
 
 
+@pytest.mark.long
 def test_runs_that_controllers_flew_are_predicted_and_nothing_is_missing(ros, tmp_path):
     """In lockstep, in real time, and by a controller of one's own: the unstable runs drift by metres in open loop."""
     rig = tmp_path / "rig"

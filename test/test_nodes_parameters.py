@@ -281,13 +281,11 @@ def test_plant_effects_and_their_conditions_are_parameters(start, node):
 
 def test_effect_files_are_sought_beside_the_file_that_names_them(start, tmp_path):
     (tmp_path / "there").mkdir()
-    (tmp_path / "there" / "mine.py").write_text(
-        (Path(__file__).parent.parent / "examples" / "my_effect.py").read_text()
-    )
-    Path("there/model.yaml").write_text("{effect_files: [mine.py], effects: [magnetised_patch]}")
+    (tmp_path / "there" / "mine.py").write_text(Path(__file__).with_name("own_effects.py").read_text())
+    Path("there/model.yaml").write_text("{effect_files: [mine.py], effects: [patch]}")
     status, found, _ = start("sim", "", "--params-file", "there/model.yaml")
     assert status == 0 and list(found["effect_files"]) == [str(tmp_path / "there" / "mine.py")]
-    assert list(Model.load("there/model.yaml").effects) == ["magnetised_patch"]
+    assert list(Model.load("there/model.yaml").effects) == ["patch"]
 
 
 @pytest.mark.parametrize(

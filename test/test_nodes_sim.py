@@ -29,7 +29,7 @@ from inductrack_ros.nodes.rest import Rest
 from inductrack_ros.nodes.simulation import Simulation
 from inductrack_ros.nodes.topics import nanoseconds_of, pulse_message, stamp_of
 
-MY_EFFECT = Path(__file__).parent.parent / "examples" / "my_effect.py"
+OWN = Path(__file__).with_name("own_effects.py")
 
 
 def seconds(message) -> float:
@@ -146,12 +146,12 @@ def test_a_wrong_parameter_is_refused_by_name_at_the_start(ros, given, says):
 
 def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
     effects = {"viscous_drag": {"coefficient": 0.5}, "sensor_delay:heave": {"delay": 0.002},
-               "stand_in_heave": {"values": [0.0, 0.1, 0.2]}, "magnetised_patch": {"force": 2.0},
+               "stand_in_heave": {"values": [0.0, 0.1, 0.2]}, "patch": {"size": 2.0},
                "track_temperature": {"coefficient": 0.004}}  # fmt: skip
-    model = Model.create({"eta": 0.74}, effects, effect_files=[MY_EFFECT])
+    model = Model.create({"eta": 0.74}, effects, effect_files=[OWN])
     model.save(tmp_path / "model.yaml")
     sim = ros.start("sim", "--ros-args", "--params-file", str(tmp_path / "model.yaml"))
-    sim.wait_for("effects: viscous_drag, sensor_delay:heave, stand_in_heave, magnetised_patch, track_temperature")
+    sim.wait_for("effects: viscous_drag, sensor_delay:heave, stand_in_heave, patch, track_temperature")
     viscous = ros.listen(WrenchStamped, "/inductrack/wrench/viscous_drag")
     twist = ros.listen(TwistStamped, "/inductrack/twist")
     ros.wait(lambda: viscous and twist, "the effect's wrench")

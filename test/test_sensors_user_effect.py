@@ -78,6 +78,7 @@ def test_compare_predicts_with_it_and_not_without(rig, tmp_path):
     assert wrong["channels"]["heave"] > 2.0
 
 
+@pytest.mark.long
 def test_diagnosis_finds_it_and_its_parameters(rig, tmp_path):
     folder, file, _ = rig
     assert main(["diagnose", str(folder / "two"), "--output", str(tmp_path / "out"), "--effects", str(file)]) == 0

@@ -85,6 +85,7 @@ def typed(home: Path, chapters: list[str]) -> str:
     return shell.said
 
 
+@pytest.mark.long
 def test_every_command_of_the_tutorial_does_what_it_says(tmp_path):
     typed(tmp_path, [c for c in CHAPTERS if c != UNKNOWN])
     bags = list((tmp_path / "tutorial/rig").glob("driven_*"))
