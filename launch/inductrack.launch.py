@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch.logging import launch_config
+from launch.logging import get_logger, launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -22,7 +22,7 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
 from inductrack_ros.core.errors import InputError
-from inductrack_ros.nodes.launching import ARGUMENTS, Started, plan, rviz_configuration
+from inductrack_ros.nodes.launching import ARGUMENTS, Started, misspelt, plan, rviz_configuration
 from launch import LaunchContext, LaunchDescription
 
 PACKAGE = "inductrack_ros"
@@ -43,6 +43,8 @@ def generate_launch_description() -> LaunchDescription:
 def processes(context: LaunchContext) -> list[Node]:
     """One action for each process. Raises `InputError` before any has begun."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    for words in misspelt(context.launch_configurations):
+        get_logger("launch.user").warning(words)
     share = Path(get_package_share_directory(PACKAGE))
     given["params_file"] = given["params_file"] or str(share / "config" / "default.yaml")
     namespace = _namespace(given["namespace"], context)

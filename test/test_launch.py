@@ -15,7 +15,7 @@ from conftest import BIN, wait_until
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.data.bags import read_bag
-from inductrack_ros.nodes.launching import ARGUMENTS, Started, plan, rviz_configuration
+from inductrack_ros.nodes.launching import ARGUMENTS, Started, misspelt, plan, rviz_configuration
 
 ROOT = Path(__file__).parents[1]
 PULSES = {"/**/sim": {"drive": "pulses", "initial_state": "surge_rate=20.0", "track_frame": "rail"}}
@@ -85,6 +85,14 @@ def test_what_the_rig_needs_ends_the_launch_when_it_ends():
 def test_a_file_that_cannot_be_read_is_refused():
     with pytest.raises(InputError, match="none.yaml: no such file"):
         planned(params_file="none.yaml")
+
+
+def test_a_misspelt_argument_is_named():
+    """`ros2 launch` passes over it without a word."""
+    assert misspelt(["drve", "bag", "monitr", "my_own", "ros_namespace"]) == [
+        "no argument 'drve'; did you mean 'drive'?",
+        "no argument 'monitr'; did you mean 'monitor'?",
+    ]
 
 
 def test_rviz_shows_the_topics_and_frames_of_its_rig(pulses_file):

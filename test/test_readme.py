@@ -221,6 +221,15 @@ def test_what_the_recipes_name_exists():
     assert len(recipes) == 6
 
 
+def test_the_tests_that_pages_name_exist():
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+    named = {n for page in pages for n in re.findall(r"(test_\w+\.py)(?:::(\w+))?", page.read_text(encoding="utf-8"))}
+    assert len(named) > 20
+    for file, function in named:
+        (found,) = (ROOT / "test").rglob(file)
+        assert f"def {function}" in found.read_text(encoding="utf-8"), (file, function)
+
+
 def test_the_effects_of_the_recipes_work(tmp_path):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.DOTALL)
     sources = [textwrap.dedent(block) for block in blocks if "@effect" in block]

@@ -8,8 +8,9 @@ An argument that is left empty leaves the matter to the parameter file.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 
 from ..core.options import DRIVES, SIM
 from ..core.parameter_files import merged, read_blocks
@@ -65,6 +66,15 @@ class Started:
     arguments: tuple[str, ...] = ()
     reads_file: bool = True
     needed: bool = True
+
+
+def misspelt(configurations: Iterable[str]) -> list[str]:
+    """What to say of names that are nearly those of `ARGUMENTS`: launch passes over what it does not know, and a file
+    that includes ours may have arguments of its own."""
+    close = {
+        name: get_close_matches(name, ARGUMENTS, n=1, cutoff=0.85) for name in configurations if name not in ARGUMENTS
+    }
+    return [f"no argument '{name}'; did you mean '{near[0]}'?" for name, near in close.items() if near]
 
 
 def plan(given: Mapping[str, str], namespace: str) -> list[Started]:
