@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.state import COORDINATES, GAPS
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
@@ -21,21 +22,24 @@ BESIDE, NOISY = 16, 0.3
 
 
 def filled(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """A finding for each channel of which some stretch was interpolated."""
+    """A finding for each place and gap of which some stretch was interpolated. What hangs on forces may be noisy now
+    and calm then."""
     findings = []
     for channel, about in channels.items():
-        if not (about.resolved and 4.0 * about.step < ON_LINE * about.noise):
+        if channel not in (*COORDINATES, *GAPS) or not about.resolved or 4.0 * about.step > ON_LINE * about.noise:
             continue
-        rows = {run.name: _straight(run, channel, about) for run in campaign.runs if channel in run.channels}
-        samples = as_samples(rows)
-        if not samples:
+        lines = [
+            (run, rows) for run in campaign.runs if channel in run.channels for rows in _lines(run, channel, about)
+        ]
+        if not lines:
             continue
-        run = next(r for r in campaign.runs if r.name in samples)
+        run, rows = lines[0]
+        samples = as_samples({r.name: np.concatenate([n for q, n in lines if q.name == r.name]) for r, _ in lines})
         count = sum(map(len, samples.values()))
         text = (
-            f"{channel} runs in a straight line for {_first_stretch(samples[run.name])} samples from"
-            f" {place(run, samples[run.name][0])}, where its noise is {quantity(channel, about.noise)}: filled in where"
-            f" nothing was measured; {count} such samples in all"
+            f"{channel} runs in a straight line for {len(rows)} samples from {place(run, int(rows[0]))}, where its"
+            f" noise is {quantity(channel, about.noise)}: filled in where nothing was measured; {count} such samples in"
+            " all"
         )
         size = {"count": count, "share": count / about.count}
         findings.append(
@@ -44,29 +48,24 @@ def filled(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]
     return findings
 
 
-def _straight(run: Run, channel: str, about: Channel) -> NDArray[np.intp]:
-    """Sample numbers that lie on a line, many in a row; what repeats one value is a sensor's, not a line."""
+def _lines(run: Run, channel: str, about: Channel) -> list[NDArray[np.intp]]:
+    """Sample numbers of each stretch that lies on a line; what repeats one value is a sensor's, not a line."""
     known = np.flatnonzero(~np.isnan(run[channel]))
     if len(known) < levels.FLAT + 2:
-        return known[:0]
+        return []
     t, y = run.times[known], run[channel][known]
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     off = y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:]
     on = (np.abs(off) < ON_LINE * about.noise) & (y[2:] != y[:-2])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(np.int8)))
-    starts, ends = edges[::2], edges[1::2]
-    long = [b - a >= levels.FLAT and _noisy_beside(off, a, b, about.noise) for a, b in zip(starts, ends, strict=True)]
-    rows = [np.arange(a, b) + 1 for a, b in zip(starts[long], ends[long], strict=True)]
-    return known[np.concatenate(rows)] if rows else known[:0]
+    return [
+        known[a + 1 : b + 1]
+        for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        if b - a >= levels.FLAT and _noisy_beside(off, a, b, about.noise)
+    ]
 
 
 def _noisy_beside(off: Array, start: int, end: int, noise: float) -> bool:
     """Whether samples beside a stretch miss their line as noisy ones do."""
     beside = np.abs(np.concatenate([off[max(start - BESIDE, 0) : start], off[end : end + BESIDE]]))
     return len(beside) > 0 and float(np.median(beside)) > NOISY * noise
-
-
-def _first_stretch(samples: tuple[int, ...]) -> int:
-    """How many of the numbers follow each other from the first on."""
-    gaps = np.flatnonzero(np.diff(samples) > 1)
-    return int(gaps[0]) + 1 if len(gaps) else len(samples)

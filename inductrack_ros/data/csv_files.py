@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import re
@@ -21,10 +22,11 @@ from .csv_header import TIME, known_name
 from .csv_layout import INPUT, Column, Layout, find_layout
 from .csv_rows import rows_of_data
 from .csv_text import read_text
-from .csv_times import is_of_day, nanoseconds, needs_integers, read_times, unwrapped, whole_nanoseconds
+from .csv_times import NO_ROOM, is_of_day, nanoseconds, needs_integers, read_times, unwrapped, whole_nanoseconds
 from .measurement import Array, Run
 from .order import Place, in_order
 
+_NUMBERS = b"0123456789+-.,;|\t\n\r eEnNaA"
 _NO_READING = re.compile(rb"(?i)\b(?:" + b"|".join(w.encode() for w in NO_READING if w[0] != "*") + rb")\b|\*")
 #: Further cells that say "not measured", as spreadsheets and people write it.
 EMPTY = ("-", "--", "---", "?", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?")
@@ -107,15 +109,14 @@ class _Table:
         if not self.body.strip():
             return np.empty(0), {}
         exact = not self.dated and needs_integers(self.first, self.layout.decimal, self.time.factor)
-        frame = self._parsed({self.time.place: str} if self.dated or exact else {})
+        frame = self._with_integers() if exact else self._parsed({self.time.place: str} if self.dated else {})
         times = frame.pop(self.time.place)
         if self.dated:
             stamps = self._dates(times, notes)
         else:
-            stamps = self._times(self._whole(times) if exact else times.to_numpy())
-            stamps, said = unwrapped(stamps)
+            stamps, said = unwrapped(self._times(self._whole(times) if exact else times.to_numpy()))
             notes += said
-        columns = {}
+        columns, missing = {}, False
         for column in self.layout.columns:
             if column.name == TIME:
                 continue
@@ -126,10 +127,19 @@ class _Table:
                 notes.append(f"column {shown(column.header)} is empty from top to bottom and left out")
             else:
                 columns[column.name] = values * column.factor if column.factor != 1.0 else values
-        self._say_no_reading(notes)
+            missing |= bool(np.isnan(values).any())
+        if missing:
+            self._say_no_reading(notes)
         if not set(columns) & set(CHANNELS):
             raise InputError(f"{self.file}: every channel is empty from top to bottom; nothing was measured")
         return stamps, columns
+
+    def _with_integers(self) -> Any:
+        """The frame with its times as whole numbers where they are that, else as text."""
+        if self.first.isdigit():
+            with contextlib.suppress(InputError):  # of a time that is none, or of another cell: said below
+                return self._parsed({self.time.place: np.int64})
+        return self._parsed({self.time.place: str})
 
     def _parsed(self, kinds: dict[int, Any]) -> Any:
         """A frame of the wanted columns by their places; exactly says which cell is no number."""
@@ -170,7 +180,7 @@ class _Table:
 
     def _say_no_reading(self, notes: list[str]) -> None:
         """Cells by which an instrument says that there is no reading, for each column."""
-        if not _NO_READING.search(self.body):
+        if not self.body.translate(None, _NUMBERS) or not _NO_READING.search(self.body):
             return
         separator = "\t" if self.layout.separator == " " else self.layout.separator
         said: dict[int, list[tuple[int, str]]] = {}
@@ -216,6 +226,11 @@ class _Table:
 
     def _whole(self, cells: Any) -> Array | NDArray[np.int64]:
         """Times as whole ns; as numbers where a cell is empty or infinite, which is said of these."""
+        if cells.dtype.kind == "i":
+            unit = round(1e9 * self.time.factor)
+            if np.abs(cells).max() < NO_ROOM * 1e9 / unit:
+                return cells.to_numpy() * unit
+            cells = cells.astype(str)
         separator = "\t" if self.layout.separator == " " else self.layout.separator
         decimal = "." if separator == "," else self.layout.decimal
         text = cells.str.strip().to_list()
