@@ -440,3 +440,14 @@ def test_samples_know_their_messages_where_only_the_pose_gives_them(tmp_path):
     assert read_bag(record(tmp_path / "late", {GOOD: late})).numbers.tolist() == [1, 3, 2, 4, 5]
     beside = {GOOD: poses(5), "/inductrack/twist": [twist(EPOCH + 500)]}
     assert read_bag(record(tmp_path / "beside", beside)).numbers is None
+
+
+def test_a_damaged_table_of_tables_is_one_line(tmp_path):
+    """Whatever byte of the first page is another one."""
+    bag = sqlite_bag(tmp_path / "run", {GOOD: raw(poses())})
+    (file,) = bag.glob("*.db3")
+    whole = file.read_bytes()
+    for at in [i for i, byte in enumerate(whole[:4096]) if byte][100::7]:
+        file.write_bytes(whole[:at] + b"\x80" + whole[at + 1 :])
+        with contextlib.suppress(InputError):
+            read_bag(bag)

@@ -65,8 +65,9 @@ def tables_of(path: Path) -> list[str] | None:
         with contextlib.closing(
             sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
         ) as database:
-            return [name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
-    except sqlite3.Error:
+            rows = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+            return [str(name) for (name,) in rows]
+    except (sqlite3.Error, UnicodeError):  # of a damaged one a name may be no text
         return None
 
 
