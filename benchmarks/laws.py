@@ -22,7 +22,6 @@ from inductrack_ros.diagnosis.laws.fitting import Table, fitted, likely
 from inductrack_ros.diagnosis.laws.forms import Form, Range, forms_on
 from inductrack_ros.diagnosis.settings import FINE, MEDIUM, TWINS
 from inductrack_ros.diagnosis.smooth import smoothest_of
-from inductrack_ros.estimation.structure import roughness
 
 #: What runs cover of each variable: low and high, drawn between.
 COVERED = {
@@ -97,8 +96,8 @@ def table_of(rng, variable: str, r: Range, u: np.ndarray, force: np.ndarray, noi
         if best is None or smooth.promise > best[0].promise:
             best = smooth, gram, step
     smooth, gram, step = best
-    covariance = np.linalg.inv(gram + roughness("stand_in_heave", len(smooth.values), smooth.weight))
-    return Table.of("stand_in_heave", parameters(variable, r.low, step), smooth.values, covariance, smooth.weight)
+    covariance = np.linalg.inv(gram + smooth.smoothness.precision("stand_in_heave", len(smooth.values)))
+    return Table.of("stand_in_heave", parameters(variable, r.low, step), smooth.values, covariance, smooth.smoothness)
 
 
 def samples_of(rng, variable: str, r: Range, n: int) -> np.ndarray:

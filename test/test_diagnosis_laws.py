@@ -27,7 +27,6 @@ from inductrack_ros.diagnosis.screening import laws
 from inductrack_ros.diagnosis.settings import TWINS
 from inductrack_ros.diagnosis.smooth import smoothest_of
 from inductrack_ros.estimation.shooting import linearise_all
-from inductrack_ros.estimation.structure import roughness
 
 sys.path.insert(0, str(Path(__file__).parent))
 from independent.campaigns import write_campaign
@@ -44,8 +43,8 @@ def table(acts_on, variable, u, force, noise, intervals=24, seed=0):
     y = force + noise * np.random.default_rng(seed).standard_normal(len(u))
     gram = B.T @ B / noise**2
     smooth = smoothest_of(gram, B.T @ y / noise**2, len(u))
-    covariance = np.linalg.inv(gram + roughness(name, intervals + 1, smooth.weight))
-    return Table.of(name, parameters(variable, low, step), smooth.values, covariance, smooth.weight)
+    covariance = np.linalg.inv(gram + smooth.smoothness.precision(name, intervals + 1))
+    return Table.of(name, parameters(variable, low, step), smooth.values, covariance, smooth.smoothness)
 
 
 LAWS = [

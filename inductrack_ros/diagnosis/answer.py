@@ -122,7 +122,7 @@ def limits_of(state: State, screening: Screening) -> tuple[Limit, ...]:
     campaigns."""
     structure, found = state.fit.structure, []
     for label, candidate in screening.candidates.items():
-        e = screening.scores.expected([label])
+        e = screening.scores.unbounded.expected([label])
         if not e.size.size or candidate.start and candidate.name != WAVES:
             continue
         deviation = float(np.sqrt(max(e.covariance[0, 0], 0.0)))
@@ -148,7 +148,7 @@ def tests_of(screening: Screening) -> tuple[tuple[Test, ...], float]:
     counted."""
     tests = []
     for label in screening.candidates:
-        e = screening.scores.expected([label])
+        e = screening.scores.unbounded.expected([label])
         fall, dof = screening.scores.plain - e.deviance, max(e.size.size, 1)
         tests.append(
             Test(f"score of {label}", float(max(fall, 0.0)), dof, float(stats.chi2.logsf(max(fall, 0.0), dof)))

@@ -246,7 +246,7 @@ def with_law(task: Task, state: State, law: Law) -> State:
     table = {"knots": float(len(law.table.values)), "values": tuple(float(v) for v in law.table.values)}
     values = {**parameters(law.variable, law.start, law.step), **law.times, **table}
     structure = old.plus(law.name, values, free=[f"values[{k}]" for k in range(len(law.table.values))])
-    structure = replace(structure, smoothness={**old.smoothness, law.name: law.table.weight})
+    structure = replace(structure, smoothness={**old.smoothness, law.name: law.table.smoothness})
     theta = np.concatenate([state.fit.theta, law.table.values / structure.scale[len(state.fit.theta) :]])
     new = fit(task.problem, structure, replace(state.fit.point, theta=theta), REFIT_STEPS)
     freedom = (*state.freedom, (law.name, law.table.occam))
@@ -276,7 +276,7 @@ def smoothed_anew(task: Task, state: State) -> State:
     for name in state.fit.structure.tables:
         f = state.fit
         table = table_of(task.problem, f, linearise_all(task.problem, f), name)
-        structure = replace(f.structure, smoothness={**f.structure.smoothness, name: table.weight})
+        structure = replace(f.structure, smoothness={**f.structure.smoothness, name: table.smoothness})
         mine = f.structure.tables[name]
         theta = f.theta.copy()
         theta[mine] = table.values / structure.scale[mine]

@@ -20,7 +20,6 @@ from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.scores import shares_of, widened
 from ..estimation.shooting import ANEW, Fit, linearise_all
-from ..estimation.structure import bending
 from .factor import Factor
 from .moves import State, Task, law_price, shaken, smoothed_anew, with_law, without
 from .screening import FINE_SHARES, Law, span_of
@@ -222,7 +221,7 @@ def _promise(
     table = smoothest_of(gram, -whole[0, 1 + g :] - cross.T @ inverse @ (pull - whole[1 : 1 + g, 0]), samples)
     smooth = max(np.trace(gram) / len(gram), 1e-12) / samples * np.eye(len(gram))
     unseen = _unseen(
-        fit, [t.grams[0] for t in told], [t.tally for t in told], smooth + table.weight * bending(len(gram))
+        fit, [t.grams[0] for t in told], [t.tally for t in told], smooth + table.smoothness.weight * table.smoothness.bending(len(gram))
     )
     gain = before[0] - _deviance(fit, told) + table.promise
     return Promise(asked, table, power, gain, before[1] - unseen)

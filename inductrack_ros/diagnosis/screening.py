@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from ..core.effects import Effect, catalogue
-from ..core.effects.stand_in import basis
+from ..core.effects.stand_in import VARIABLES, basis
 from ..core.state import COORDINATES, MOVING
 from ..estimation import columns
 from ..estimation.kalman import Columns, LinearRun, log_determinant, run_filter
@@ -31,6 +31,8 @@ from .smooth import Smooth, smoothest_of
 WAVES = "guideway_waviness"
 SHORTEST_WAVE, WAVE_STARTS, HIGHEST_WAVE = catalogue()[WAVES].parameters["wavelength"].fit_from, 2, 1e-3
 TOTALS = ("force_surge", "force_sway", "force_heave", "moment_roll")
+#: Variables on which a force may oscillate: a shaker's time, a track's period.
+SWINGING = ("surge", "time")
 #: Shares of the power beside which a force of any shape is asked for, where something is known to be missing and where
 #: not.
 FINE_SHARES, COARSE_SHARES = (1.0, 1e-2, 1e-4), (1.0, 0.0)
@@ -121,7 +123,8 @@ def screen(
     for name in somewhere:
         for candidate, part in _placed(problem, fit, systems, name, covered, pulses):
             candidates[candidate.label], parts[candidate.label] = candidate, part
-    found = scores(problem, fit, parts, systems, backgrounds)
+    bounds = {n: _reach(fit, n) for n in wanted if parameters[n]}
+    found = scores(problem, fit, parts, systems, backgrounds, bounds=bounds)
     sets = {s.labels: s for s in _sets(candidates, found)}
     price = backgrounds[0].price if backgrounds else 0.0
     sets |= {
@@ -131,6 +134,12 @@ def screen(
         for s in [_censored(problem, fit, systems, c, price, len(candidates))]
     }
     return Screening(candidates, found, tuple(sorted(sets.values(), key=lambda s: s.cost)))
+
+
+def _reach(fit: Fit, name: str) -> np.ndarray:
+    """How far the parameters (k, 2) of an effect may go from where it vanishes, in typical sizes."""
+    wide = Structure(fit.model, ()).plus(name)
+    return (np.array(wide.bounds) - wide.start).T
 
 
 def _censored(
@@ -154,7 +163,9 @@ def _of_readings(problem: Problem, known: Mapping[str, Effect], name: str) -> Ma
 
 
 def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[CandidateSet, ...]:
-    """Single candidates and the pairs and triples of the best, cheapest first."""
+    """Single candidates and the pairs and triples of the best, cheapest first.
+
+    Which are the best is asked without bounds: beside another an effect may turn its sign."""
     family = len(candidates)
 
     def of(labels: Sequence[str]) -> CandidateSet:
@@ -166,10 +177,11 @@ def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[Candidate
             members, e.deviance, e.deviance + sum(m.price(family) for m in members), sizes, e.background
         )
 
-    sets = sorted((of([n]) for n in candidates), key=lambda s: s.cost)
+    sets = [of([n]) for n in candidates]
+    anywhere = {n: found.unbounded.expected([n]).deviance + c.price(family) for n, c in candidates.items()}
+    best = sorted(candidates, key=lambda n: anywhere[n])
     for size, limit in zip(range(2, LARGEST_SET + 1), (IN_PAIRS, IN_TRIPLES), strict=True):
-        best = [s.members[0].label for s in sets if len(s.members) == 1][:limit]
-        pairs = (p for p in combinations(best, size) if len({candidates[n].name for n in p}) == size)
+        pairs = (p for p in combinations(best[:limit], size) if len({candidates[n].name for n in p}) == size)
         sets += [of(p) for p in pairs]
     return tuple(sorted(sets, key=lambda s: s.cost))
 
@@ -375,7 +387,7 @@ def laws(
         for power in shares_of(fit.power, FINE_SHARES if on in fine else COARSE_SHARES):
             gram, score, base = _blocks(problem, fit, systems, every, [t[3] for t in tables], power)
             for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
-                table = smoothest_of(A, b, problem.samples)
+                table = smoothest_of(A, b, problem.samples, variable in SWINGING)
                 found.append(Law(on, variable, start, step, table, plain - base + table.promise, power))
     best: dict[tuple[str, str], Law] = {}
     for law in found:
@@ -402,7 +414,8 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     cross = whole[np.ix_(o, m)]
     gram = (whole[np.ix_(m, m)] - cross.T @ inverse @ cross) / np.outer(scale, scale)
     score = -(whole[m, 0] + cross.T @ step) / scale
-    return smoothest_of(gram, gram @ (fit.theta[mine] * scale) + score, problem.samples)
+    swings = VARIABLES[int(fit.model.effects[effect]["variable"])] in SWINGING
+    return smoothest_of(gram, gram @ (fit.theta[mine] * scale) + score, problem.samples, swings)
 
 
 def _sizes(variable: str, fine: bool) -> tuple[int, ...]:

@@ -8,47 +8,75 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from ..estimation.structure import bending
+from ..estimation.structure import Smoothness
 
 #: Weights of roughness tried, relative to the data's weight on the table.
 WEIGHTS = np.logspace(-9, 9, 37)
+#: An oscillation has at least so many periods in a table, or it is as well a bend; and so many values to a period, or
+#: straight lines between them do not follow it.
+PERIODS, VALUES = 1.5, 4.0
+#: Rates tried for each period more in the table: two neighbours then share most of what they explain.
+RATES = 4
 
 
 @dataclass(frozen=True)
 class Smooth:
-    """A table's values (l,), the weight of its roughness, twice the log evidence it promises over none, and ``occam``,
-    the part of the fall in χ² that its freedom alone would have bought."""
+    """A table's values (l,), what is wanted of them before the data, twice the log evidence it promises over none, and
+    ``occam``, the part of the fall in χ² that its freedom alone would have bought."""
 
     values: np.ndarray
-    weight: float
+    smoothness: Smoothness
     promise: float
     occam: float
 
 
-def smoothest_of(gram: np.ndarray, score: np.ndarray, samples: int) -> Smooth:
+def smoothest_of(gram: np.ndarray, score: np.ndarray, samples: int, swings: bool = False) -> Smooth:
     """The table that explains a residual best, from the normal equations (l, l) and (l,) of what each value does to
-    ``samples`` measurements over noise.
+    ``samples`` measurements over noise; with ``swings`` it may as well be near to an oscillation as to a straight line.
 
     Before the data, a value is known as well as one average measurement would tell it (unit information prior, Kass and
     Wasserman 1995). So the price of a table hangs neither on units nor on the size of the rig."""
     unit = max(np.trace(gram) / len(gram), 1e-12)  # where no run has been at all, any will do
-    bent = bending(len(gram))
+    straight = _weighed(gram, score, unit, samples, 0.0, 1)
+    turns = _turns(len(gram)) if swings else np.empty(0)
+    if not len(turns):
+        return straight
+    turn = max(turns, key=lambda turn: _swing(gram, score, unit / samples, turn))
+    return max(straight, _weighed(gram, score, unit, samples, turn, len(turns)), key=lambda s: s.promise)
+
+
+def _turns(count: int) -> np.ndarray:
+    """Rates (rad from one value to the next) of the oscillations that a table of so many values can tell apart."""
+    periods = np.arange(PERIODS, (count - 1) / VALUES, 1.0 / RATES)
+    return 2.0 * np.pi * periods / (count - 1)
+
+
+def _swing(gram: np.ndarray, score: np.ndarray, plain: float, turn: float) -> float:
+    """Fall in χ² that a constant and an oscillation promise."""
+    k = np.arange(len(gram)) * turn
+    shapes = np.column_stack([np.ones(len(gram)), np.sin(k), np.cos(k)])
+    told, wanted = shapes.T @ gram @ shapes + plain * shapes.T @ shapes, shapes.T @ score
+    return float(wanted @ np.linalg.solve(told, wanted))
+
+
+def _weighed(gram: np.ndarray, score: np.ndarray, unit: float, samples: int, turn: float, rates: int) -> Smooth:
+    """The table at the likeliest weight of its departures; ``rates`` is among how many rates ``turn`` was chosen."""
+    bent = Smoothness(1.0, turn).bending(len(gram))
     bends = np.maximum(np.linalg.eigvalsh(bent), 0.0)
-    tried = (_with_weight(gram, score, unit / samples, unit * w, bent, bends) for w in WEIGHTS)
+    plain, chosen = unit / samples, 2.0 * float(np.log(rates))
+    tried = (_with_weight(gram, score, plain, Smoothness(unit * w, turn), bent, bends, chosen) for w in WEIGHTS)
     return max(tried, key=lambda s: s.promise)
 
 
-def _with_weight(
-    gram: np.ndarray, score: np.ndarray, plain: float, weight: float, bent: np.ndarray, bends: np.ndarray
-) -> Smooth:
-    """With the prior precision ``plain`` + ``weight`` times ``bent``, whose eigenvalues ``bends`` are."""
-    prior = plain * np.eye(len(gram)) + weight * bent
+def _with_weight(gram, score, plain: float, wanted: Smoothness, bent, bends, chosen: float) -> Smooth:
+    """With the prior precision ``plain`` + the weight times ``bent``, whose eigenvalues ``bends`` are; ``chosen`` is
+    what the choice of the rate costs."""
+    prior = plain * np.eye(len(gram)) + wanted.weight * bent
     try:
         factor = linalg.cho_factor(gram + prior)
     except (linalg.LinAlgError, ValueError):  # responses beyond all bounds: nothing can be had from them
-        return Smooth(np.zeros(len(gram)), weight, -np.inf, np.inf)
+        return Smooth(np.zeros(len(gram)), wanted, -np.inf, np.inf)
     values = linalg.cho_solve(factor, score)
-    told = 2 * np.log(np.diag(factor[0])).sum() - np.log(plain + weight * bends).sum()
-    return Smooth(
-        values, weight, float(values @ score - told), max(float(values @ prior @ values), 0.0) + max(float(told), 0.0)
-    )
+    told = 2 * np.log(np.diag(factor[0])).sum() - np.log(plain + wanted.weight * bends).sum()
+    bought = max(float(values @ prior @ values), 0.0) + max(float(told), 0.0)
+    return Smooth(values, wanted, float(values @ score - told) - chosen, bought + chosen)

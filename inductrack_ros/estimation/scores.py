@@ -63,13 +63,20 @@ class Expected:
 
 @dataclass(frozen=True)
 class Scores:
-    """The scores of named columns at a fit; ``places`` has each name's columns among the c."""
+    """The scores of named columns at a fit; ``places`` has each name's columns among the c, ``bounds`` (c, 2) how far
+    their coefficients may go."""
 
     nuisance: int
     prior: np.ndarray
     pull: np.ndarray
     places: Mapping[str, np.ndarray]
     levels: tuple[Level, ...]
+    bounds: np.ndarray
+
+    @property
+    def unbounded(self) -> Scores:
+        """The same where the coefficients may go anywhere: what a test asks, and how well each is known."""
+        return replace(self, bounds=np.full_like(self.bounds, np.inf) * [-1.0, 1.0])
 
     @cached_property
     def plain(self) -> float:
@@ -89,13 +96,25 @@ class Scores:
         A[:g, :g] += self.prior
         b[:g] += self.pull
         A[g:, g:] += np.eye(len(chosen)) * WIDE**-2.0
-        unit = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        values, vectors = np.linalg.eigh(A / np.outer(unit, unit))
-        inverse = np.where(values > SEEN * len(values), 1.0 / np.maximum(values, 1e-300), 0.0)
-        size = vectors @ (inverse * (vectors.T @ (b / unit))) / unit
-        covariance = (vectors * inverse) @ vectors.T / np.outer(unit, unit)
-        deviance = float(level.gram[0, 0] - b @ size) + level.log_determinant + level.background.price
+        size, covariance = _solved(A, b)
+        low, high = self.bounds[chosen].T
+        held = np.zeros(len(rows), bool)
+        while ((out := (size[g:] < low) | (size[g:] > high)) & ~held[g:]).any():
+            held[g:] |= out
+            size[g:] = np.clip(size[g:], low, high)
+            size[~held] = _solved(A[np.ix_(~held, ~held)], b[~held] - A[np.ix_(~held, held)] @ size[held])[0]
+        deviance = float(level.gram[0, 0] - 2.0 * b @ size + size @ A @ size)
+        deviance += level.log_determinant + level.background.price
         return Expected(deviance, size[g:], covariance[g:, g:], level.power, level.background)
+
+
+def _solved(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The minimiser of a quadratic and the inverse of its matrix, both without what cannot be told apart."""
+    unit = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    values, vectors = np.linalg.eigh(A / np.outer(unit, unit))
+    inverse = np.where(values > SEEN * len(values), 1.0 / np.maximum(values, 1e-300), 0.0)
+    size = vectors @ (inverse * (vectors.T @ (b / unit))) / unit
+    return size, (vectors * inverse) @ vectors.T / np.outer(unit, unit)
 
 
 def scores(
@@ -105,13 +124,16 @@ def scores(
     systems: Sequence[LinearRun],
     backgrounds: Sequence[Background] = (),
     shares: Sequence[float] = SHARES,
+    bounds: Mapping[str, np.ndarray] | None = None,
 ) -> Scores:
     """The scores of named columns, each given for every run, at a fit, at these shares of the power; beside each of the
-    backgrounds, the fit's own unless given."""
-    places, end = {}, 0
+    backgrounds, the fit's own unless given. ``bounds`` (k, 2) of a name's coefficients, where they may not go
+    anywhere."""
+    places, end, limits = {}, 0, [np.empty((0, 2))]
     for name, parts in named.items():
         width = parts[0].data.shape[1]
         places[name], end = np.arange(end, end + width), end + width
+        limits.append((bounds or {}).get(name, np.tile([-np.inf, np.inf], (width, 1))))
     wide = [widened(system, [parts[i] for parts in named.values()]) for i, system in enumerate(systems)]
     structure, levels = fit.structure, []
     for background in backgrounds or (Background(fit.power, fit.processes),):
@@ -120,7 +142,7 @@ def scores(
         distinct = [p for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
         levels += [_level(problem, full, power, background) for power in distinct]
     pull = structure.precision @ (structure.centre - fit.theta)
-    return Scores(len(fit.theta), structure.precision, pull, places, tuple(levels))
+    return Scores(len(fit.theta), structure.precision, pull, places, tuple(levels), np.concatenate(limits))
 
 
 def shares_of(power: np.ndarray, shares: Sequence[float]) -> list[np.ndarray]:

@@ -22,17 +22,28 @@ THETA_PRIOR = 300.0
 STRAIGHT = 100.0
 
 
-def bending(count: int) -> np.ndarray:
-    """Precision (count, count) of a table that is straight: the squares of its second differences."""
-    second = np.diff(np.eye(count), 2, axis=0)
-    return second.T @ second
+@dataclass(frozen=True)
+class Smoothness:
+    """What the prior of a table wants of its values: ``weight`` on their squared second differences, or with a ``turn``
+    (rad from one value to the next) on how far they are from a constant and an oscillation at that rate."""
 
+    weight: float = 0.0
+    turn: float = 0.0
 
-def roughness(effect: str, count: int, weight: float) -> np.ndarray:
-    """Precision (count, count) of a stand-in's table that is smooth: ``weight`` on second differences, next to nothing
-    on the rest."""
-    typical = catalogue()[effect].parameters["values"].typical
-    return weight * bending(count) + np.diag(np.full(count, (STRAIGHT * typical) ** -2.0))
+    def bending(self, count: int) -> np.ndarray:
+        """Precision (count, count) for a weight of 1: nothing is held against a straight table, or one that
+        oscillates."""
+        if not self.turn:
+            departures = np.diff(np.eye(count), 2, axis=0)
+        else:
+            first = np.diff(np.eye(count), axis=0)
+            departures = first[2:] - 2.0 * np.cos(self.turn) * first[1:-1] + first[:-2]
+        return departures.T @ departures
+
+    def precision(self, effect: str, count: int) -> np.ndarray:
+        """Precision (count, count) of a stand-in's table: next to nothing on all but its departures."""
+        typical = catalogue()[effect].parameters["values"].typical
+        return self.weight * self.bending(count) + np.diag(np.full(count, (STRAIGHT * typical) ** -2.0))
 
 
 @dataclass(frozen=True)
@@ -40,12 +51,12 @@ class Structure:
     """A model whose ``free`` parameters (full names, e.g. ``eta`` or ``aerodynamic_drag.drag_area``) are to be fitted.
 
     ``theta`` vectors hold the free parameters in their fit coordinates divided by `scale`, so that a unit step is a
-    typical change of each. ``smoothness`` gives the weight of the squared second differences of a table by its effect.
+    typical change of each. ``smoothness`` says by effect what is wanted of its table.
     """
 
     model: Model
     free: tuple[str, ...]
-    smoothness: Mapping[str, float] = field(default_factory=dict)
+    smoothness: Mapping[str, Smoothness] = field(default_factory=dict)
     known: tuple[np.ndarray, np.ndarray] | None = None  # mean and precision of theta from earlier runs
 
     def knowing(self, theta: np.ndarray, covariance: np.ndarray, further: Sequence[str] = ()) -> Structure:
@@ -124,9 +135,9 @@ class Structure:
         if self.known is not None:
             return self.known[1]
         precision = np.diag(np.full(len(self.free), THETA_PRIOR**-2.0))
-        for effect, weight in self.smoothness.items():
+        for effect, smooth in self.smoothness.items():
             mine = self.tables[effect]
-            precision[np.ix_(mine, mine)] = roughness(effect, len(mine), weight) * self.scale[mine[0]] ** 2
+            precision[np.ix_(mine, mine)] = smooth.precision(effect, len(mine)) * self.scale[mine[0]] ** 2
         return precision
 
     @cached_property

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from ...core.effects.stand_in import VARIABLES, basis
-from ...estimation.structure import roughness
+from ...estimation.structure import Smoothness
 from ..factor import Factor
 from .forms import Form, Range, forms_on
 
@@ -61,15 +61,15 @@ class Table:
 
     @classmethod
     def of(
-        cls, name: str, about: Mapping[str, float], values: np.ndarray, covariance: np.ndarray, weight: float
+        cls, name: str, about: Mapping[str, float], values: np.ndarray, covariance: np.ndarray, smooth: Smoothness
     ) -> Table:
-        """From a stand-in's parameters, its fitted values (l,), their covariance (l, l) and the ``weight`` of its
-        roughness."""
+        """From a stand-in's parameters, its fitted values (l,), their covariance (l, l) and what was wanted of
+        them before the data."""
         count, factor = len(values), Factor.of(about)
         start, step = about["start"], about["step"]
-        plain, bent = (roughness(name, count, w) for w in (0.0, 1.0))
-        bends, modes = np.linalg.eigh(bent - plain)
-        prior = plain[0, 0] + weight * np.where(bends > 1e-12 * bends[-1], bends, 0.0)
+        plain = Smoothness().precision(name, count)
+        bends, modes = np.linalg.eigh(smooth.bending(count))
+        prior = plain[0, 0] + smooth.weight * np.where(bends > 1e-12 * bends[-1], bends, 0.0)
         # Of bends that the prior holds far harder nothing is known.
         sure = prior < SURE / (prior[-1] * np.linalg.norm(covariance, 2) ** 2)
         modes, prior = modes[:, sure], prior[sure]

@@ -13,6 +13,7 @@ from scipy import stats
 from ...core.model import Model
 from ...estimation import shooting
 from ...estimation.shooting import Fit
+from ...estimation.structure import Smoothness
 from ..errors import step_of
 from ..moves import State, Task
 from ..result import Unknown
@@ -84,7 +85,7 @@ def table_of(fit: Fit, name: str) -> Table:
     mine = fit.structure.tables[name]
     scale, about = fit.structure.scale[mine], fit.structure.model.effects[name]
     covariance = fit.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
-    return Table.of(name, about, fit.theta[mine] * scale, covariance, fit.structure.smoothness.get(name, 0.0))
+    return Table.of(name, about, fit.theta[mine] * scale, covariance, fit.structure.smoothness.get(name, Smoothness()))
 
 
 def _misfit(fit: Fit) -> float:
