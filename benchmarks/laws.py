@@ -17,9 +17,9 @@ import collections
 
 import numpy as np
 
-from inductrack_ros.core.effects.stand_in import basis, parameters
+from inductrack_ros.core.effects.stand_in import basis, over, parameters
 from inductrack_ros.diagnosis.laws.fitting import Table, fitted, likely
-from inductrack_ros.diagnosis.laws.forms import Form, Range, forms_on
+from inductrack_ros.diagnosis.laws.forms import ALONG, Form, Range, forms_on
 from inductrack_ros.diagnosis.settings import FINE, MEDIUM, TWINS
 from inductrack_ros.diagnosis.smooth import smoothest_of
 
@@ -88,16 +88,16 @@ def table_of(rng, variable: str, r: Range, u: np.ndarray, force: np.ndarray, noi
     """The table that a fit makes of samples of the force, as smooth as its evidence says."""
     y = force + noise * rng.standard_normal(len(u))
     best = None
-    for intervals in (MEDIUM, FINE) if variable in ("surge", "time") else (MEDIUM,):
-        step = r.length / intervals
-        B = basis(u, r.low, step, intervals + 1)
+    for intervals in (MEDIUM, FINE) if variable in ALONG else (MEDIUM,):
+        low, step, count = over(r.low, r.low + r.length, intervals)
+        B = basis(u, low, step, count)
         gram, score = B.T @ B / noise**2, B.T @ y / noise**2
-        smooth = smoothest_of(gram, score, len(u))
+        smooth = smoothest_of(gram, score, len(u), variable in ALONG)
         if best is None or smooth.promise > best[0].promise:
-            best = smooth, gram, step
-    smooth, gram, step = best
+            best = smooth, gram, low, step
+    smooth, gram, low, step = best
     covariance = np.linalg.inv(gram + smooth.smoothness.precision("stand_in_heave", len(smooth.values)))
-    return Table.of("stand_in_heave", parameters(variable, r.low, step), smooth.values, covariance, smooth.smoothness)
+    return Table.of("stand_in_heave", parameters(variable, low, step), smooth.values, covariance, smooth.smoothness)
 
 
 def samples_of(rng, variable: str, r: Range, n: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inductrack_ros.core.effects.stand_in import basis, parameters
+from inductrack_ros.core.effects.stand_in import basis, over, parameters
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis import answer
@@ -38,12 +38,12 @@ FORM = {f.name: f for f in FORMS}
 def table(acts_on, variable, u, force, noise, intervals=24, seed=0):
     """The table that samples of a force with noise give, as smooth as its evidence says."""
     name = f"stand_in_{acts_on}"
-    low, step = u.min(), (u.max() - u.min()) / intervals
-    B = basis(u, low, step, intervals + 1)
+    low, step, count = over(u.min(), u.max(), intervals)
+    B = basis(u, low, step, count)
     y = force + noise * np.random.default_rng(seed).standard_normal(len(u))
     gram = B.T @ B / noise**2
     smooth = smoothest_of(gram, B.T @ y / noise**2, len(u))
-    covariance = np.linalg.inv(gram + smooth.smoothness.precision(name, intervals + 1))
+    covariance = np.linalg.inv(gram + smooth.smoothness.precision(name, count))
     return Table.of(name, parameters(variable, low, step), smooth.values, covariance, smooth.smoothness)
 
 

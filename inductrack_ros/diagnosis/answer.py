@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 from scipy import stats
 
-from ..core.effects.stand_in import VARIABLES, basis
+from ..core.effects.stand_in import VARIABLES, basis, covered
 from ..estimation.linear import histories
 from ..estimation.problem import Problem
 from ..estimation.processes import IMPACT
@@ -176,7 +176,7 @@ def curve_of(f: Fit, name: str) -> Unknown:
     """The curve of a fit's stand-in over its table, with its 95 % band."""
     table, mine = f.model.effects[name], f.structure.tables[name]
     count = int(table["knots"])
-    u = table["start"] + np.linspace(0, count - 1, 400) * table["step"]
+    u = np.linspace(*covered(table["start"], table["step"], count), 400)
     shapes = basis(u, table["start"], table["step"], count)
     scale = f.structure.scale[mine]
     covariance = f.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.effects.stand_in import basis
+from ..core.effects.stand_in import basis, over
 from ..estimation.kalman import Columns, LinearRun, log_determinant, run_filter
 from ..estimation.likelihood import tally
 from ..estimation.linear import acting, force_columns, histories
@@ -21,6 +21,7 @@ from ..estimation.processes import augmented
 from ..estimation.scores import shares_of, widened
 from ..estimation.shooting import ANEW, Fit, linearise_all
 from .factor import Factor
+from .laws.forms import ALONG
 from .moves import State, Task, law_price, shaken, smoothed_anew, with_law, without
 from .screening import FINE_SHARES, Law, span_of
 from .settings import COARSE, FINE, MEDIUM, TWINS
@@ -97,10 +98,10 @@ def _tried(task: Task, plain: State, systems: Sequence[LinearRun], on: str) -> l
     task.say(f"forces in {on} on two variables")
     runs = [histories(d, path) for d, path in zip(problem.runs, f.paths, strict=True)]
     spans = {v: span for v in runs[0] if (span := span_of([r[v] for r in runs])) is not None}
-    singles = [t for v, s in spans.items() for t in _tables(v, s, None, (MEDIUM, FINE) if _often(v) else (MEDIUM,))]
+    singles = [t for v, s in spans.items() for t in _tables(v, s, None, (MEDIUM, FINE) if v in ALONG else (MEDIUM,))]
     rough = [
         t for factor in _factors(on, runs, spans) for v, s in spans.items() if v != factor.variable
-        for t in _tables(v, s, factor, (MEDIUM,) if _often(v) else (COARSE,))
+        for t in _tables(v, s, factor, (MEDIUM,) if v in ALONG else (COARSE,))
     ]  # fmt: skip
     promised = promises(problem, f, systems, on, [*singles, *rough])
     alone, products = promised[: len(singles)], promised[len(singles) :]
@@ -112,7 +113,7 @@ def _tried(task: Task, plain: State, systems: Sequence[LinearRun], on: str) -> l
             p.asked.variable,
             spans[p.asked.variable],
             p.asked.factor,
-            (MEDIUM, FINE) if _often(p.asked.variable) else (MEDIUM,),
+            (MEDIUM, FINE) if p.asked.variable in ALONG else (MEDIUM,),
         )
     ]
     found = sorted(promises(problem, f, systems, on, finer), key=lambda p: -p.unseen)
@@ -131,11 +132,6 @@ def _refitted(task: Task, plain: State, on: str, p: Promise, known: Promise) -> 
     )
 
 
-def _often(variable: str) -> bool:
-    """Whether a force may change often along it."""
-    return variable in ("surge", "time")
-
-
 def _factors(on: str, runs: Sequence[Mapping[str, np.ndarray]], spans: Mapping[str, object]) -> list[Factor]:
     own = () if on == "surge" else ((on, 1), (f"{on}_rate", 1))
     wanted = dict.fromkeys((*FACTORS, *own))
@@ -143,8 +139,7 @@ def _factors(on: str, runs: Sequence[Mapping[str, np.ndarray]], spans: Mapping[s
 
 
 def _tables(variable: str, span: tuple[float, float], factor: Factor | None, sizes: Sequence[int]) -> list[Asked]:
-    low, high = span
-    return [Asked(variable, low, (high - low) / n, n + 1, factor) for n in sizes]
+    return [Asked(variable, *over(*span, n), factor) for n in sizes]
 
 
 # ---------------------------------------------------------------- cross-validation
@@ -218,11 +213,11 @@ def _promise(
     inverse = np.linalg.pinv(whole[1 : 1 + g, 1 : 1 + g] + prior, rcond=1e-14, hermitian=True)
     cross, own = whole[1 : 1 + g, 1 + g :], whole[1 + g :, 1 + g :]
     gram = own - cross.T @ inverse @ cross
-    table = smoothest_of(gram, -whole[0, 1 + g :] - cross.T @ inverse @ (pull - whole[1 : 1 + g, 0]), samples)
+    score = -whole[0, 1 + g :] - cross.T @ inverse @ (pull - whole[1 : 1 + g, 0])
+    table = smoothest_of(gram, score, samples, asked.variable in ALONG)
     smooth = max(np.trace(gram) / len(gram), 1e-12) / samples * np.eye(len(gram))
-    unseen = _unseen(
-        fit, [t.grams[0] for t in told], [t.tally for t in told], smooth + table.smoothness.weight * table.smoothness.bending(len(gram))
-    )
+    smooth += table.smoothness.weight * table.smoothness.bending(len(gram))
+    unseen = _unseen(fit, [t.grams[0] for t in told], [t.tally for t in told], smooth)
     gain = before[0] - _deviance(fit, told) + table.promise
     return Promise(asked, table, power, gain, before[1] - unseen)
 

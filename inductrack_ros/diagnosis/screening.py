@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from ..core.effects import Effect, catalogue
-from ..core.effects.stand_in import VARIABLES, basis
+from ..core.effects.stand_in import VARIABLES, basis, over
 from ..core.state import COORDINATES, MOVING
 from ..estimation import columns
 from ..estimation.kalman import Columns, LinearRun, log_determinant, run_filter
@@ -23,6 +23,7 @@ from ..estimation.scores import TWO_SHARES, Background, Scores, scores, shares_o
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from . import placed, unheard
+from .laws.forms import ALONG
 from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, LEVEL, MEDIUM
 from .smooth import Smooth, smoothest_of
 
@@ -31,8 +32,6 @@ from .smooth import Smooth, smoothest_of
 WAVES = "guideway_waviness"
 SHORTEST_WAVE, WAVE_STARTS, HIGHEST_WAVE = catalogue()[WAVES].parameters["wavelength"].fit_from, 2, 1e-3
 TOTALS = ("force_surge", "force_sway", "force_heave", "moment_roll")
-#: Variables on which a force may oscillate: a shaker's time, a track's period.
-SWINGING = ("surge", "time")
 #: Shares of the power beside which a force of any shape is asked for, where something is known to be missing and where
 #: not.
 FINE_SHARES, COARSE_SHARES = (1.0, 1e-2, 1e-4), (1.0, 0.0)
@@ -372,7 +371,7 @@ def laws(
     found: list[Law] = []
     for on in _acts_on(problem, fit):
         tables = [
-            (v, low, (high - low) / n, n + 1)
+            (v, *over(low, high, n))
             for v, (low, high) in spans.items()
             for n in _sizes(v, on in fine)
             if not (on == "thrust" and v == "drive")
@@ -387,7 +386,7 @@ def laws(
         for power in shares_of(fit.power, FINE_SHARES if on in fine else COARSE_SHARES):
             gram, score, base = _blocks(problem, fit, systems, every, [t[3] for t in tables], power)
             for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
-                table = smoothest_of(A, b, problem.samples, variable in SWINGING)
+                table = smoothest_of(A, b, problem.samples, variable in ALONG)
                 found.append(Law(on, variable, start, step, table, plain - base + table.promise, power))
     best: dict[tuple[str, str], Law] = {}
     for law in found:
@@ -414,7 +413,7 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     cross = whole[np.ix_(o, m)]
     gram = (whole[np.ix_(m, m)] - cross.T @ inverse @ cross) / np.outer(scale, scale)
     score = -(whole[m, 0] + cross.T @ step) / scale
-    swings = VARIABLES[int(fit.model.effects[effect]["variable"])] in SWINGING
+    swings = VARIABLES[int(fit.model.effects[effect]["variable"])] in ALONG
     return smoothest_of(gram, gram @ (fit.theta[mine] * scale) + score, problem.samples, swings)
 
 
@@ -423,7 +422,7 @@ def _sizes(variable: str, fine: bool) -> tuple[int, ...]:
         return (6,)
     if not fine:
         return (COARSE,)
-    return (MEDIUM, FINE) if variable in ("surge", "time") else (MEDIUM,)
+    return (MEDIUM, FINE) if variable in ALONG else (MEDIUM,)
 
 
 def span_of(values: Sequence[np.ndarray]) -> tuple[float, float] | None:

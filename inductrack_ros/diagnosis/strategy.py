@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search for what is missing, on one page: screen, refit, add, until nothing more is explained; then prune and
-exchange.
+exchange; and again where these changed what is there.
 
 Every stage is a function from one `State` to the next with a reason in the log, which ``inductrack diagnose --explain``
 prints. What log and rig do besides (`background`) and physics compete: both are judged by the deviance with what chance
@@ -46,7 +46,22 @@ Stage = Callable[[Task, State], State]
 def search(task: Task, state: State) -> State:
     """The state with everything that the data say is missing; what log and rig do besides was looked for before
     (`add_background`)."""
-    for name, stage in STAGES:
+    revised: list[set[str]] = []
+    while True:
+        state = _through(task, state, ADDING)
+        grown = set(state.added)
+        if state.stopped or revised and grown == revised[-1]:
+            return state
+        state = _through(task, state, REVISING)
+        left = set(state.added)
+        if state.stopped or left == grown or left in revised:
+            return state
+        revised.append(left)  # something went: what is missing beside the rest is asked anew
+
+
+def _through(task: Task, state: State, stages: Sequence[tuple[str, Stage]]) -> State:
+    """All of some stages, one after the other, as far as there is time."""
+    for name, stage in stages:
         try:
             state = _repeated(task, state, name, stage)
         except (KeyboardInterrupt, OutOfTime) as stop:
@@ -81,15 +96,14 @@ def add_known(task: Task, state: State) -> State:
     Forces of any shape compete: where one keeps more than every known set, the known would only imitate it. First order
     flatters both kinds, so both are compared refitted.
     """
+    state = replace(state, far=False)
     systems = linearise_all(task.problem, state.fit)
     lacking = shaken(task, state, systems)
     screening = screened(task, state, systems, wavy=bool(lacking))
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
     pays = bool(screening.sets) and screening.sets[0].cost <= screening.scores.plain
     if pays and len(state.added) >= MOST_EFFECTS:
-        return replace(
-            state.told(f"more than {MOST_EFFECTS} effects would be needed: the model is far from the rig"), far=True
-        )
+        return replace(state.told(f"more would pay, but {MOST_EFFECTS} effects are the most that are sought"), far=True)
     if pays and (exact := exact_ones(task, state, closest(screening), screening.family)):
         return add_background(task, exact[0])  # what is read during a contact counts too: no cost compares with these
     tried = [best_kept(task, state, screening)] if pays else []
@@ -199,10 +213,13 @@ def exchange(task: Task, state: State) -> State:
     return replace(state, twins={n: t for n, t in twins.items() if t}, rival_fits=fits)
 
 
-STAGES: tuple[tuple[str, Stage], ...] = (
+#: The stages that add, then those that take out or exchange; as long as these change the set, all begins anew.
+ADDING: tuple[tuple[str, Stage], ...] = (
     ("known effects", add_known),
     ("a force of any shape", add_unknown),
     ("a force on two variables", add_pair),
+)
+REVISING: tuple[tuple[str, Stage], ...] = (
     ("what is not needed", prune),
     ("what explains more in another's place", exchange),
     ("what is not needed", prune),

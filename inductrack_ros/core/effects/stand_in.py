@@ -101,6 +101,18 @@ def basis(values, start, step, count):
     return out
 
 
+def over(low, high, intervals):
+    """Start, step and count of a table whose curve is any cubic spline from ``low`` to ``high``: the splines about both
+    ends belong to it too."""
+    step = (high - low) / intervals
+    return low - step, step, intervals + 3
+
+
+def covered(start, step, count):
+    """From where to where a table's curve is any cubic spline."""
+    return start + step, start + (count - 2) * step
+
+
 def parameters(variable, start, step):
     """A stand-in's parameters but its table: over a variable by name, from ``start`` in steps of ``step``."""
     return {"variable": float(VARIABLES.index(variable)), "start": start, "step": step}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize, stats
 
-from ...core.effects.stand_in import VARIABLES, basis
+from ...core.effects.stand_in import VARIABLES, basis, covered
 from ...estimation.structure import Smoothness
 from ..factor import Factor
 from .forms import Form, Range, forms_on
@@ -81,7 +81,7 @@ class Table:
         seen = said > SEEN
         directions = vectors[:, seen].T @ root
         told = np.sqrt(said[seen]) * (directions @ values) / (1.0 - left[seen])
-        u = start + np.linspace(0.0, count - 1.0, POINTS) * step
+        u = np.linspace(*covered(start, step, count), POINTS)
         laid = np.linalg.pinv(basis(u, start, step, count), rcond=1e-8)
         return cls(
             name.removeprefix("stand_in_"),
