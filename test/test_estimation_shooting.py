@@ -103,3 +103,12 @@ def test_a_fit_goes_on_while_the_disturbance_still_falls():
     new = shooting.fit(of, structure, point)
     last = likelihood.settle(of, structure, shooting.linearise_all(of, new), new.point, 1)
     assert new.converged and last.to_gain < 1.0 and (new.power < 1e-6).all()
+
+
+def test_trajectories_beyond_all_numbers_explain_nothing():
+    """A refit that a bad promise threw out of all bounds is a bad fit, no crash."""
+    still = problem(np.zeros(4))
+    fit = fitted(still)
+    paths = tuple(path * np.where(np.arange(path.shape[1]) == 2, -1e200, 1.0) for path in fit.paths)
+    new = shooting.fit(still, fit.structure, replace(fit.point, paths=paths))
+    assert new.deviance == np.inf and not new.converged

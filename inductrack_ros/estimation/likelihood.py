@@ -28,6 +28,10 @@ RESTING = 0.3
 TOLERANCE = 0.5
 
 
+class Lost(ArithmeticError):
+    """A point about which the runs lead beyond all numbers: nothing can be weighed there."""
+
+
 @dataclass(frozen=True)
 class Point:
     """Where a fit stands: theta (g,), each run's trajectory (n, N), the disturbances' power (4,), the processes beside
@@ -57,12 +61,14 @@ def weigh(
     problem: Problem, structure: Structure, systems: Sequence[LinearRun], theta: np.ndarray, power: np.ndarray
 ) -> Evidence:
     """The likelihood of linear runs at a power of the disturbances, theta's best step (g,) within its bounds, and its
-    covariance (g, g)."""
+    covariance (g, g). Raises `Lost`."""
     shaken = np.where(power > NO_POWER, power, 0.0)
     filtered = tuple(problem.for_runs(lambda i: run_filter(systems[i], shaken)))
     g = len(theta)
     A, b = structure.precision.copy(), structure.precision @ (structure.centre - theta)
     whitened = [f.scored(system) for f, system in zip(filtered, systems, strict=True)]
+    if not all(np.isfinite(w).all() for w in whitened):
+        raise Lost
     tallies = [tally(problem, i, f, system) for i, (f, system) in enumerate(zip(filtered, systems, strict=True))]
     for w in whitened:
         A += w[:, 1:].T @ w[:, 1:]

@@ -16,7 +16,7 @@ import numpy as np
 
 from . import fit as end_to_end
 from .kalman import LinearRun, run_smoother
-from .likelihood import TOLERANCE, Beside, Evidence, Misses, Point, Settled, cost, misses, promised, settle, weigh
+from .likelihood import TOLERANCE, Beside, Evidence, Lost, Misses, Point, Settled, cost, misses, promised, settle, weigh
 from .linear import linearise, next_state
 from .problem import Problem
 from .processes import IMPACT, Process, offsets, tightened
@@ -210,17 +210,29 @@ def _reflown(
     return point
 
 
+def lost(structure: Structure, point: Point) -> Fit:
+    """A fit that cannot begin: it explains nothing."""
+    nothing = np.zeros((len(point.theta),) * 2)
+    return Fit(
+        structure, point.theta, point.paths, point.power, np.inf, np.inf, nothing, False, point.processes, point.exact
+    )  # fmt: skip
+
+
 def _descended(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
     best, idle = None, 0
     for _ in range(steps):
-        new = _step(problem, structure, point)
+        try:
+            new = _step(problem, structure, point)
+        except Lost:
+            break
         idle = idle + 1 if best and new.deviance > best.deviance - TOLERANCE and new.to_gain < TOLERANCE else 0
         if best is None or new.deviance < best.deviance:
             best = new
         if idle == IDLE:
             break
         point = new.next
-    assert best is not None  # there is one step at least
+    if best is None:
+        return lost(structure, point)
     now = best.point
     return Fit(
         structure, now.theta, now.paths, now.power, best.deviance, best.evidence.chi2, best.evidence.covariance,
