@@ -18,7 +18,7 @@ from ..estimation.kalman import LinearRun
 from ..estimation.likelihood import NO_POWER, Point, weigh
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
-from ..estimation.shooting import ANEW, FIRST_POWER, FLOWN_STEPS, Fit, exactly, fit, linearise_all
+from ..estimation.shooting import ANEW, FLOWN_STEPS, Fit, exactly, first_power, fit, linearise_all
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import background, placed, unheard
@@ -297,7 +297,7 @@ def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:
     f = state.fit
     structure = f.structure.minus(name)
     kept = [f.structure.free.index(n) for n in structure.free]
-    power = np.maximum(f.power, floor * FIRST_POWER) * task.problem.model.moving
+    power = np.maximum(f.power, floor * first_power(task.problem, f.structure, f.point)) if floor else f.power
     new = fit(task.problem, structure, replace(f.point, theta=f.theta[kept], power=power), REFIT_STEPS)
     price = state.price - _share(task, state, name)
     freedom = tuple(f for f in state.freedom if f[0] != name)

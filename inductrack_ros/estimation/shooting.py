@@ -18,7 +18,7 @@ from . import fit as end_to_end
 from .kalman import LinearRun, run_smoother
 from .likelihood import TOLERANCE, Beside, Evidence, Lost, Misses, Point, Settled, cost, misses, promised, settle, weigh
 from .linear import linearise, next_state
-from .problem import Problem
+from .problem import STATE_PRIOR, Problem
 from .processes import IMPACT, Process, offsets, tightened
 from .start import start
 from .structure import Structure
@@ -110,11 +110,18 @@ def fit(
     if point is not None:
         return (exactly if point.exact else _descended)(problem, structure, point, steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
-    point = Point(
-        np.clip(structure.start, *structure.bounds), paths, FIRST_POWER * problem.model.moving, tuple(processes)
-    )
+    point = Point(np.clip(structure.start, *structure.bounds), paths, np.zeros(4), tuple(processes))
+    point = replace(point, power=first_power(problem, structure, point))
     first = _descended(problem, structure, point, steps)
     return _descended(problem, structure, replace(first.point, processes=tightened(first.processes)), steps)
+
+
+def first_power(problem: Problem, structure: Structure, point: Point) -> np.ndarray:
+    """The power (4,) with which a fit begins: none in a coordinate that no reading shows.
+
+    What shakes such a coordinate shows at second order alone, through what it does to the others. A power that is free
+    there throws it far off, until it explains whatever the others lack."""
+    return np.where(_shown(linearise_all(problem, point, structure)), FIRST_POWER, 0.0) * problem.model.moving
 
 
 def exactly(
@@ -276,7 +283,7 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
         kept, hoped = (cost(problem, i, left, quiet, settled.systems[i]) for left in of_both)
         return kept - hoped
 
-    told = not point.exact and _all_shown(problem.model.moving, plain)
+    told = not point.exact and bool(_shown(plain)[problem.model.moving > 0.0].all())
     lost = max(float(np.sum(problem.for_runs(missed))), 0.0) if told else 0.0
     here = replace(went, power=settled.power, processes=settled.processes)
     onward = replace(went, power=settled.next_power, processes=settled.next_processes)
@@ -284,10 +291,11 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     return Step(settled.evidence, here, settled.evidence.deviance + lost, onward, touching, settled.to_gain)
 
 
-def _all_shown(moving: np.ndarray, systems: Sequence[LinearRun]) -> bool:
-    """Whether some reading shows each coordinate that moves (``moving`` (4,) above 0), or its rate."""
-    seen = np.logical_or.reduce([(s.sensitivity != 0.0).any(axis=0) for s in systems])
-    return bool(np.all(np.logical_or(seen[:4], seen[4:8])[moving > 0.0]))
+def _shown(systems: Sequence[LinearRun]) -> np.ndarray:
+    """Whether some reading shows each coordinate, or its rate, (4,): it moves by more than its noise over the range of
+    these."""
+    seen = np.logical_or.reduce([(np.abs(s.sensitivity[:, :8]) * STATE_PRIOR > 1.0).any(axis=0) for s in systems])
+    return np.logical_or(seen[:4], seen[4:8])
 
 
 def _where_told(system: LinearRun, left: Misses) -> Misses:
