@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from .kalman import Columns, LinearRun, log_determinant, run_filter
 from .likelihood import NO_POWER, tally
@@ -52,13 +53,17 @@ class Level:
 @dataclass(frozen=True)
 class Expected:
     """What some columns promise: the deviance with them (and the price of the processes), their coefficients (c,) and
-    covariance (c, c), the power (4,) that suits them, and the background."""
+    covariance (c, c), and the level that suits them."""
 
     deviance: float
     size: np.ndarray
     covariance: np.ndarray
-    power: np.ndarray
-    background: Background
+    level: Level
+
+    @property
+    def background(self) -> Background:
+        """The background that suits them."""
+        return self.level.background
 
 
 @dataclass(frozen=True)
@@ -86,9 +91,16 @@ class Scores:
     def expected(self, names: Sequence[str]) -> Expected:
         """What a set of names promises together, at the power that suits it best."""
         chosen = np.concatenate([self.places[n] for n in names]).astype(int) if names else np.empty(0, int)
-        return min((self._at(level, chosen) for level in self.levels), key=lambda e: e.deviance)
+        free = sorted((self._at(level, chosen) for level in self.levels), key=lambda e: e.deviance)
+        best = self._within(free[0], chosen)
+        for e in free[1:]:
+            if e.deviance >= best.deviance:  # within the bounds it promises no more than without
+                break
+            best = min(best, self._within(e, chosen), key=lambda x: x.deviance)
+        return best
 
-    def _at(self, level: Level, chosen: np.ndarray) -> Expected:
+    def _system(self, level: Level, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations of the nuisance and the ``chosen`` columns at one level."""
         g = self.nuisance
         rows = np.concatenate([np.arange(1, 1 + g), 1 + g + chosen])
         A = level.gram[np.ix_(rows, rows)].copy()
@@ -96,16 +108,37 @@ class Scores:
         A[:g, :g] += self.prior
         b[:g] += self.pull
         A[g:, g:] += np.eye(len(chosen)) * WIDE**-2.0
+        return A, b
+
+    def _at(self, level: Level, chosen: np.ndarray) -> Expected:
+        """What columns promise at one level if their coefficients may go anywhere."""
+        A, b = self._system(level, chosen)
         size, covariance = _solved(A, b)
+        g = self.nuisance
+        deviance = float(level.gram[0, 0] - b @ size) + level.log_determinant + level.background.price
+        return Expected(deviance, size[g:], covariance[g:, g:], level)
+
+    def _within(self, e: Expected, chosen: np.ndarray) -> Expected:
+        """The same within the coefficients' bounds."""
         low, high = self.bounds[chosen].T
-        held = np.zeros(len(rows), bool)
-        while ((out := (size[g:] < low) | (size[g:] > high)) & ~held[g:]).any():
-            held[g:] |= out
-            size[g:] = np.clip(size[g:], low, high)
-            size[~held] = _solved(A[np.ix_(~held, ~held)], b[~held] - A[np.ix_(~held, held)] @ size[held])[0]
-        deviance = float(level.gram[0, 0] - 2.0 * b @ size + size @ A @ size)
-        deviance += level.log_determinant + level.background.price
-        return Expected(deviance, size[g:], covariance[g:, g:], level.power, level.background)
+        if ((e.size >= low) & (e.size <= high)).all():
+            return e
+        A, b = self._system(e.level, chosen)
+        anywhere = np.full(self.nuisance, np.inf)
+        size = _bounded(A, b, np.concatenate([-anywhere, low]), np.concatenate([anywhere, high]))
+        deviance = float(e.level.gram[0, 0] - 2.0 * b @ size + size @ A @ size)
+        deviance += e.level.log_determinant + e.background.price
+        return replace(e, deviance=deviance, size=size[self.nuisance :])
+
+
+def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The minimiser of a quadratic within bounds (Stark and Parker 1995), with A = RᵀR as the least squares of
+    R x − R⁻ᵀ b."""
+    unit = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    values, vectors = np.linalg.eigh(A / np.outer(unit, unit))
+    root = np.sqrt(np.maximum(values, SEEN * len(values)))
+    wanted = vectors.T @ (b / unit) / root
+    return lsq_linear(root[:, None] * vectors.T, wanted, (low * unit, high * unit), method="bvls").x / unit
 
 
 def _solved(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
