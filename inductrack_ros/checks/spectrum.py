@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The noise's colour and a hum, from the upper part of each channel's spectrum, where a cradle's motion has died away.
 
-Every stretch with even steps gives its deviations from the neighbours' cubics. Their spectrum is that of the channel
-times a known filter, (2 − 2 cos ω)⁴/36/(70/36). The filter holds motion down. White noise comes out flat again once the
-filter is divided out."""
+Every reading gives its deviation from the cubic through two neighbours on both sides, wherever these lie in time. The
+deviations' spectrum is taken at their own times. That of white noise is known, so what the deviations make of it is
+divided out: white noise comes out flat again, whether or not samples are lost and stamps uneven. The deviations hold
+motion down."""
 
 from __future__ import annotations
 
@@ -23,6 +24,9 @@ LENGTHS, MOST, FEWEST = (256, 128, 64), 200, 8
 #: imitate. A cradle's motion has died away above so many Hz; what impacts leave of it above the second imitates no
 #: colour.
 LOWEST, NO_MOTION, QUIET, SILENT = 0.04, 0.15, 20.0, 32.0
+#: Five neighbours whose span is at most so many times the usual one (no more than one sample lost) give a deviation; a
+#: stretch has such for this part of its samples.
+SPAN, WHOLE = 1.3, 0.4
 #: A hum is at least this amplitude over the noise, and its line falls to a third of its power within so many
 #: frequencies on both sides.
 HUM, WIDTH = 0.4, 4
@@ -64,40 +68,69 @@ def look(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
 
 
 def _spectrum(campaign: Campaign, channel: str) -> tuple[Array, Array, Array, int, float] | None:
-    """Frequencies (Hz), median power at them of the deviations, the filter's power gain there, stretches taken, and
-    their step (s).
-
-    Power over gain is the variance of white noise that has as much.
-    """
-    runs = [(run.times, run[channel]) for run in campaign.runs if channel in run.channels and len(run.times) > 40]
+    """Frequencies (Hz), median power at them of the deviations, what white noise of variance 1 would give, stretches
+    taken, and their usual step (s)."""
+    runs = [_read(run.times, run[channel]) for run in campaign.runs if channel in run.channels and len(run.times) > 40]
+    runs = [(t, y) for t, y in runs if len(t) > 40]
     if not runs:
         return None
     step = float(np.median([np.median(np.diff(t)) for t, _ in runs]))
     for length in LENGTHS:
-        parts = [part for t, y in runs for part in _even(t, y, step, length)]
+        parts = [part for t, y in runs for part in _stretches(t, y, step, length)]
         if len(parts) >= FEWEST:
             break
     else:
         return None
     chosen = [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, MOST).astype(int))]
-    bend = np.stack([np.convolve(y, np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, "valid") for y in chosen])
-    window = np.hanning(bend.shape[1] + 2)[1:-1]
-    omega = 2 * np.pi * np.fft.rfftfreq(bend.shape[1])
-    power = np.abs(np.fft.rfft(bend * window, axis=1)) ** 2 / np.sum(window**2)
-    keep = omega > 2 * np.pi * LOWEST
-    gain = ((2 - 2 * np.cos(omega[keep])) ** 2 / 6.0) ** 2
-    return omega[keep] / (2 * np.pi * step), np.median(power[:, keep], axis=0) / np.log(2.0), gain, len(chosen), step
+    cycles = np.fft.rfftfreq(length - 4)
+    cycles = cycles[cycles > LOWEST]
+    found = [_powers(t, y, step, 2 * np.pi * cycles / step) for t, y in chosen]
+    power, gain = np.median([f[0] / f[1] for f in found], axis=0), np.median([f[1] for f in found], axis=0)
+    return cycles / step, power * gain / np.log(2.0), gain, len(chosen), step
 
 
-def _even(times: Array, values: Array, step: float, length: int) -> list[Array]:
-    """Stretches of ``length`` samples with even steps and nothing missing, each overlapping the next by half."""
-    good = np.abs(np.diff(times) - step) < 0.02 * step
-    good &= ~np.isnan(values[1:]) & ~np.isnan(values[:-1])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(np.int8), [0]])))
-    found = []
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        found += [values[k : k + length] for k in range(first, end + 2 - length, length // 2)]
-    return found
+def _read(times: Array, values: Array) -> tuple[Array, Array]:
+    """Times (m,) and readings (m,) without what was not read."""
+    known = ~np.isnan(values)
+    return times[known], values[known]
+
+
+def _stretches(times: Array, values: Array, step: float, length: int) -> list[tuple[Array, Array]]:
+    """Stretches of ``length`` readings, most with their neighbours near by, each overlapping the next by half."""
+    near = times[4:] - times[:-4] < SPAN * 4.0 * step
+    starts = range(0, len(times) + 1 - length, length // 2)
+    return [
+        (times[k : k + length], values[k : k + length])
+        for k in starts
+        if near[k : k + length - 4].mean() > WHOLE and times[k + length - 1] - times[k] < 2.0 * length * step
+    ]
+
+
+def _powers(times: Array, values: Array, step: float, omega: Array) -> tuple[Array, Array]:
+    """Power (f,) of a stretch's deviations at ``omega`` (rad/s), and that of white noise of variance 1."""
+    around = np.lib.stride_tricks.sliding_window_view(times, 5)
+    weights = _deviation(around)
+    taper = np.hanning(len(weights) + 2)[1:-1] * (around[:, 4] - around[:, 0] < SPAN * 4.0 * step)
+    weights *= taper[:, None]
+    deviations = np.sum(weights * np.lib.stride_tricks.sliding_window_view(values, 5), axis=1)
+    turning = np.exp(-1j * np.outer(omega, around[:, 2]))
+    of_each = np.zeros((len(omega), len(times)), complex)  # what a unit of each reading does to the sum
+    for j in range(5):
+        of_each[:, j : j + len(weights)] += turning * weights[:, j]
+    total = np.sum(taper**2)
+    return np.abs(turning @ deviations) ** 2 / total, np.sum(np.abs(of_each) ** 2, axis=1) / total
+
+
+def _deviation(times: Array) -> Array:
+    """What the deviation of the third of five readings from the cubic through the other four takes of each, (n, 5), at
+    their ``times`` (n, 5); at even steps (1, −4, 6, −4, 1)/6."""
+    t = times - times[:, 2:3]
+    weights = np.zeros(t.shape)
+    weights[:, 2] = 1.0
+    for j in (0, 1, 3, 4):
+        others = [m for m in (0, 1, 3, 4) if m != j]
+        weights[:, j] = -np.prod([t[:, m] / (t[:, m] - t[:, j]) for m in others], axis=0)
+    return weights
 
 
 def _shape(correlation: float, cycles: Array) -> Array:
