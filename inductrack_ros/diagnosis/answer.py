@@ -4,7 +4,7 @@ effects."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -12,14 +12,16 @@ import numpy as np
 from scipy import stats
 
 from ..core.effects.stand_in import VARIABLES, basis, covered
+from ..estimation import columns
+from ..estimation.likelihood import Point
 from ..estimation.linear import histories
 from ..estimation.problem import Problem
 from ..estimation.processes import IMPACT
-from ..estimation.shooting import ANEW, Fit, exactly, fit
+from ..estimation.shooting import Fit, fit
 from . import background
 from .factor import Factor
 from .laws.result import Laws
-from .moves import State, Task, screened, without
+from .moves import State, Task, screened
 from .result import Limit, Rival, Test, Unknown
 from .screening import WAVES, Screening
 from .settings import POWER, REFIT_STEPS
@@ -44,11 +46,20 @@ def subsets(task: Task, state: State, base: Fit) -> dict[tuple[str, ...], Fit]:
     found = {(): base, state.added: state.fit}
     for size in range(1, len(state.added)):
         for kept in combinations(state.added, size):
-            smaller = state
-            for name in [n for n in state.added if n not in kept]:
-                smaller = without(task, smaller, name, ANEW)
-            found[kept] = smaller.fit
+            found[kept] = _with_some(task.problem, state.fit, base, [n for n in state.added if n not in kept])
     return found
+
+
+def _with_some(problem: Problem, f: Fit, base: Fit, gone: Sequence[str]) -> Fit:
+    """A fit without some of its effects, from the trajectories of the model as it was: these follow the data, and
+    forgive blows, whatever is missing."""
+    structure = f.structure
+    for name in gone:
+        structure = structure.minus(name)
+    theta, paths = f.theta[[f.structure.free.index(n) for n in structure.free]], base.paths
+    if structure.model.carries_states:
+        paths = tuple(problem.for_runs(lambda i: columns.carried(problem, structure, i, base.paths[i])))
+    return fit(problem, structure, Point(theta, paths, base.power, base.processes), REFIT_STEPS)
 
 
 def with_laws(state: State, laws: Laws | None) -> dict[tuple[str, ...], Fit]:
@@ -67,9 +78,7 @@ def settled_base(task: Task, state: State, base: Fit) -> Fit:
             p for p in state.fit.processes if p.kind != IMPACT
         )
         base = fit(task.problem, base.structure, replace(base.point, processes=processes), REFIT_STEPS)
-    return (
-        exactly(task.problem, base.structure, base.point, REFIT_STEPS) if state.fit.exact and not base.exact else base
-    )
+    return base
 
 
 def rivals_of(state: State, where: Mapping[str, Mapping[str, Mapping[str, float]]]) -> tuple[Rival, ...]:
