@@ -163,7 +163,7 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
     What leaves noise in all runs does so in each: a set is first asked for the run that the last one failed at most."""
     found: list[State] = []
     hardest: int | None = None
-    for s in sets if touches(state.fit) else ():
+    for s in sets if state.fit.exact or touches(state.fit) else ():
         task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
         structure, point = _with_effects(task.problem, state.fit, s)
         if hardest is not None and _flown(task, structure, point, (hardest,)).chi2 > _most_left(task, hardest):
@@ -343,10 +343,13 @@ def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
     near = [s for s in own if s.deviance < reach]
     alike = sorted(near, key=lambda s: abs(s.deviance - promised))[:REFITTED]
     near = near[:REFITTED] + [s for s in alike if s not in near[:REFITTED]]
-    tried = all_refitted(task, smaller, near, screening.family)
-    close = [
-        settled(task, t) if min(t.fit.deviance - state.fit.deviance, s.deviance - promised) < TWINS * 3 else t
-        for t, s in zip(tried, near, strict=True)
-    ]
+    if state.fit.exact:  # the state leaves noise, so what explains as much does too
+        close = exact_ones(task, smaller, near, screening.family)
+    else:
+        tried = all_refitted(task, smaller, near, screening.family)
+        close = [
+            settled(task, t) if min(t.fit.deviance - state.fit.deviance, s.deviance - promised) < TWINS * 3 else t
+            for t, s in zip(tried, near, strict=True)
+        ]
     rounds = tuple((beside, screening if beside == smaller.added else old) for beside, old in state.rounds)
     return replace(state, rounds=rounds), sorted(close, key=lambda s: s.cost(task))
