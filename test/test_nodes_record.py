@@ -26,14 +26,15 @@ from inductrack_ros.nodes.bag import SegmentedBag
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 POSE = "geometry_msgs/msg/PoseStamped"
 
-#: Publishes numbered poses on N topics at 1 kHz until it is told the count or ended; says the last number it sent.
+#: Publishes numbered poses on N topics at 1 kHz until it is told the count or ended; says the last number it sent. Its
+#: queues are as long as those of `sim`: a busy machine may leave the recorder out for seconds.
 SOURCE = """
 import sys, time, rclpy
 from geometry_msgs.msg import PoseStamped
 topics, count = int(sys.argv[1]), int(sys.argv[2])
 rclpy.init()
 node = rclpy.create_node("source", namespace="inductrack")
-publishers = [node.create_publisher(PoseStamped, f"topic{i}", 1000) for i in range(topics)]
+publishers = [node.create_publisher(PoseStamped, f"topic{i}", 10000) for i in range(topics)]
 while not all(p.get_subscription_count() for p in publishers):
     time.sleep(0.01)
 message, begin = PoseStamped(), time.perf_counter()
@@ -63,6 +64,11 @@ def numbers_in(bag: Path) -> dict[str, list[int]]:
     return found
 
 
+def kept(bag: Path) -> int:
+    """How many numbers can be read of each topic."""
+    return min(map(len, numbers_in(bag).values()), default=0) if list(bag.glob("*.mcap")) else 0
+
+
 def source(ros, topics: int, count: int):
     script = ros.folder / "source.py"
     script.write_text(SOURCE)
@@ -88,6 +94,7 @@ def test_a_bag_is_complete_after_ctrl_c_and_sigterm(ros, tmp_path, number):
     recorder = ros.start("record", "-o", str(bag), "--stamp", "header")
     sender = source(ros, 1, 100000)
     sender.wait_for("\n500\n")
+    ros.wait(lambda: list(bag.glob("*.mcap")), "something in the bag")
     assert recorder.stop(number) == 0
     numbers = numbers_in(bag)["/inductrack/topic0"]
     assert numbers == list(range(len(numbers))) and f"{len(numbers)} messages on 1 topics" in recorder.output
@@ -100,15 +107,20 @@ def test_kill_9_costs_at_most_the_last_second(ros, tmp_path, figure, moment):
     bag = tmp_path / "bag"
     recorder = ros.start("record", "-o", str(bag))
     sender = source(ros, 2, 100000)
+
+    def sent() -> int:
+        return int(sender.output.split()[-1])
+
     sender.wait_for(f"\n{moment}\n")
+    ros.wait(lambda: sent() - kept(bag) < 700, "the recorder to keep pace, which a busy machine may not let it")
+    until = sent() + 50
     recorder.kill()
-    sent = int(sender.output.split()[-1]) + 50
     recorded = numbers_in(bag)
     for numbers in recorded.values():
         assert numbers == list(range(len(numbers)))
-        figure("lost by a recorder that was killed", f"at most {sent - len(numbers)} ms")
-        assert sent - len(numbers) <= 1000
-    assert recorded or sent <= 1000
+        figure("lost by a recorder that was killed", f"at most {until - len(numbers)} ms")
+        assert until - len(numbers) <= 1000
+    assert recorded or until <= 1000
     assert not [p for p in bag.iterdir() if p.suffix == ".mcap" and p.name not in (bag / "metadata.yaml").read_text()]
 
 
