@@ -12,6 +12,7 @@ from independent import simulator as other
 from test_reports_browser import BROWSER, open_page
 
 from inductrack_ros import cli
+from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.output_folder import output_folder
 from inductrack_ros.paper import command, figures, reproduction
@@ -207,7 +208,7 @@ def test_old_file_survives_a_failed_write(tmp_path, monkeypatch):
     def full(self, *_args, **_more):
         raise OSError(28, "No space left on device")
 
-    with pytest.raises(OSError, match="No space left"), output_folder(tmp_path / "out") as folder:
+    with pytest.raises(InputError, match="No space left"), output_folder(tmp_path / "out") as folder:
         monkeypatch.setattr("pathlib.Path.write_text", full)
         (folder / "report.html").write_text("new")
     monkeypatch.undo()
