@@ -78,7 +78,7 @@ class Scores:
     levels: tuple[Level, ...]
     bounds: np.ndarray
 
-    @property
+    @cached_property
     def unbounded(self) -> Scores:
         """The same where the coefficients may go anywhere: what a test asks, and how well each is known."""
         return replace(self, bounds=np.full_like(self.bounds, np.inf) * [-1.0, 1.0])
@@ -134,17 +134,23 @@ class Scores:
 def _bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The minimiser of a quadratic within bounds (Stark and Parker 1995), with A = RᵀR as the least squares of
     R x − R⁻ᵀ b."""
-    unit = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    values, vectors = np.linalg.eigh(A / np.outer(unit, unit))
+    unit, values, vectors = _modes(A)
     root = np.sqrt(np.maximum(values, SEEN * len(values)))
     wanted = vectors.T @ (b / unit) / root
     return lsq_linear(root[:, None] * vectors.T, wanted, (low * unit, high * unit), method="bvls").x / unit
 
 
-def _solved(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The minimiser of a quadratic and the inverse of its matrix, both without what cannot be told apart."""
+def _modes(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The unit (n,) of each coordinate in which the matrix has ones on its diagonal, its eigenvalues there (n,), and
+    its modes (n, n)."""
     unit = np.sqrt(np.maximum(np.diag(A), 1e-300))
     values, vectors = np.linalg.eigh(A / np.outer(unit, unit))
+    return unit, values, vectors
+
+
+def _solved(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The minimiser of a quadratic and the inverse of its matrix, both without what cannot be told apart."""
+    unit, values, vectors = _modes(A)
     inverse = np.where(values > SEEN * len(values), 1.0 / np.maximum(values, 1e-300), 0.0)
     size = vectors @ (inverse * (vectors.T @ (b / unit))) / unit
     return size, (vectors * inverse) @ vectors.T / np.outer(unit, unit)

@@ -217,7 +217,7 @@ def _reflown(
     return point
 
 
-def lost(structure: Structure, point: Point) -> Fit:
+def _nowhere(structure: Structure, point: Point) -> Fit:
     """A fit that cannot begin: it explains nothing."""
     nothing = np.zeros((len(point.theta),) * 2)
     return Fit(
@@ -239,7 +239,7 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
             break
         point = new.next
     if best is None:
-        return lost(structure, point)
+        return _nowhere(structure, point)
     now = best.point
     return Fit(
         structure, now.theta, now.paths, now.power, best.deviance, best.evidence.chi2, best.evidence.covariance,
