@@ -69,6 +69,20 @@ def test_a_zero_that_moves_is_named(channel, size, pose, model):
     assert found.size["jump"] == pytest.approx(size, rel=0.3) and "b.csv" in found.text
 
 
+@pytest.mark.parametrize("hole", [3, 13, 40])
+def test_what_a_cradle_travels_during_a_hole_is_no_jump(hole, pose, model):
+    """A bad sample in front of the hole is one, and no more."""
+
+    def spoiled(run):
+        kept = np.delete(np.arange(len(run.times)), np.arange(151, 151 + hole))
+        values = run.values[kept].copy()
+        values[150, list(run.channels).index("surge")] += 0.2
+        return replace(run, times=run.times[kept], stamps=run.stamps[kept], values=values)
+
+    findings = look(of_run(pose, "b", spoiled), model)
+    assert not impossible(findings) and {"outliers", "hole"} <= {f.kind for f in findings}
+
+
 def test_what_jumps_away_and_back_is_set_aside(pose, model):
     used, (found,) = admit(changed(pose, "heave", lambda y: y + 0.01 * (abs(np.arange(len(y)) - 120) < 12), "b"), model)
     assert (found.kind, found.channel, found.severity) == ("lost", "heave", SET_ASIDE)

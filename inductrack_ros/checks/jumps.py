@@ -19,7 +19,7 @@ from .noise_found import Channel
 BESIDE = 5
 #: A step counts as part of a jump from this part of the largest one beside it on; what is left of it in the end, too.
 PART, LEFT = 0.3, 0.5
-#: A jump is this many times what the samples beside it go from one to the next, and this many times their noise.
+#: A jump is this many times as far as the samples beside it would go in its time, and this many times their noise.
 CLEAR, OVER_NOISE = 6.0, 10.0
 #: Samples within which a channel that jumps back was lost for a while.
 SOON = 64
@@ -102,10 +102,11 @@ def _jumps(run: Run, channel: str, rows: NDArray[np.intp], about: Channel) -> It
             continue
         steps = np.diff(run[channel][known[first : last + 1]])
         large = np.abs(steps) > PART * np.abs(steps).max()
-        jump = float(steps[large].sum())
-        usual = float(np.median(np.abs(np.diff(run[channel][np.concatenate([before, behind])]))))
+        jump, lasting = float(steps[large].sum()), float(np.diff(run.times[known[first : last + 1]])[large].sum())
+        beside = [np.diff(run[channel][some]) / np.diff(run.times[some]) for some in (before, behind)]
+        usual = float(np.median(np.abs(np.concatenate(beside))))
         least = max(
-            CLEAR * usual * large.sum(), OVER_NOISE * max(about.noise, about.step), levels.SMALLEST * about.spread
+            CLEAR * usual * lasting, OVER_NOISE * max(about.noise, about.step), levels.SMALLEST * about.spread
         )
         if abs(jump) > max(LEFT * np.abs(steps).max(), least):
             yield int(known[first + int(np.argmax(np.abs(steps)))]), jump
