@@ -33,6 +33,7 @@ from ..estimation.processes import (
 )
 from ..estimation.scores import Background
 from ..estimation.shooting import Fit, fit, linearise_all
+from .humming import humming
 from .settings import LEVEL, REFIT_STEPS
 
 #: Passes of the search for the sizes of processes at one linearisation.
@@ -162,11 +163,11 @@ def families(
     have = {(p.kind, p.on) for p in f.processes}
     spacing = float(np.median(np.concatenate([np.diff(np.unique(d.time)) for d in problem.runs])))
     memory = {h.channel: h.size["correlation_time"] for h in hints if h.kind == COLOURED}
-    hums = {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
     rounded = {h.channel for h in hints if h.kind == ROUNDED and h.channel}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
     whitened = settle(problem, f.structure, plain, f.point, 1).evidence.whitened
     suspects = remembering(problem, whitened) | set(memory)
+    hums = humming(problem, whitened) | {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
     coloured = tuple(
         Process(COLOURED, c, 0.7, memory.get(c, 5 * spacing))
         for c in problem.channels

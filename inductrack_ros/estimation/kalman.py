@@ -155,14 +155,17 @@ def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
 
 
 def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoothed:
-    """Smoothed deviations at parameters θ (g,) of the columns behind the first."""
+    """Smoothed deviations at parameters θ (g,) of the columns behind the first.
+
+    What moves the cradle during a contact says nothing of the disturbances: it may be the contact."""
     weights = np.concatenate([[1.0], theta])
     n, size, _ = filtered.roots.shape
     deviations, adjoint = np.empty((n, size)), np.empty((n, size))
     found, expected = np.zeros(4), np.zeros(4)
+    free = np.where(run.touching, 0.0, run.spacing)  # time without a contact
     of_states, of_readings = np.zeros((2, size)), np.zeros((2, len(run.variance)))
     _smoother(
-        run.first, run.sensitivity, run.variance, run.transitions, run.spacing, run.kicks,
+        run.first, run.sensitivity, run.variance, run.transitions, free, run.kicks,
         filtered.innovations @ weights, filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights,
         deviations, adjoint, found, expected, of_states, of_readings,
     )  # fmt: skip
