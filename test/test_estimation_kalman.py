@@ -46,10 +46,11 @@ def of_one_channel(linear: LinearRun) -> np.ndarray:
 
 def dense(run: LinearRun, power: np.ndarray):
     """Covariance (m, m) of the readings, their means' columns (m, c), and of each node: mean (8, c) and covariance with
-    the readings (8, m)."""
+    the readings (8, m); ``power`` is (4,), or (NODES, 4) where it differs from node to node."""
+    powers = np.broadcast_to(power, (NODES, 4))
     means, roots = [run.start_mean], [np.hstack([run.start_root, np.zeros((8, 8 * (NODES - 1)))])]
     for k in range(NODES - 1):
-        values, vectors = np.linalg.eigh(white_acceleration(power, run.spacing[k]) + np.diag(run.kicks[k]))
+        values, vectors = np.linalg.eigh(white_acceleration(powers[k], run.spacing[k]) + np.diag(run.kicks[k]))
         root = run.transitions[k] @ roots[-1]
         root[:, 8 * (k + 1) : 8 * (k + 2)] += vectors * np.sqrt(np.maximum(values, 0.0))
         means.append(run.transitions[k] @ means[-1] + run.inputs[k])
@@ -81,9 +82,13 @@ def test_the_smoother_is_the_conditional_mean(run, power):
         assert smoothed.deviations[k] == pytest.approx(means[k] @ weights + cross[k] @ told, abs=1e-9)
 
 
-def test_found_less_expected_is_the_slope_of_the_likelihood(run):
+@pytest.mark.parametrize("contact", [[], [2, 3]], ids=["free", "touching"])
+def test_found_less_expected_is_the_slope_of_the_likelihood(run, contact):
+    """By the power without a contact, but for surge, which goes on in one."""
     power, theta = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.3, -0.2])
     weights = np.array([1.0, *theta])
+    run = replace(run, touching=np.isin(np.arange(NODES), contact))
+    told = ~run.touching[:, None] | (np.arange(4) == 0)
 
     def twice_log_likelihood(q: np.ndarray) -> float:
         covariance, left, _, _ = dense(run, q)
@@ -92,7 +97,8 @@ def test_found_less_expected_is_the_slope_of_the_likelihood(run):
 
     smoothed = run_smoother(run, run_filter(run, power), theta)
     h = 1e-5
-    slopes = [(twice_log_likelihood(power + h * e) - twice_log_likelihood(power - h * e)) / (2 * h) for e in np.eye(4)]
+    steps = [h * told * e for e in np.eye(4)]
+    slopes = [(twice_log_likelihood(power + e) - twice_log_likelihood(power - e)) / (2 * h) for e in steps]
     assert smoothed.found - smoothed.expected == pytest.approx(slopes, rel=1e-5)
 
 
@@ -144,6 +150,18 @@ def test_a_reading_that_does_not_count_costs_what_others_of_its_channel_do(run):
     apart = np.array(apart).transpose(1, 0, 2).reshape(2, -1)
     assert (np.abs(apart.mean(axis=1)) < 4 * apart.std(axis=1) / np.sqrt(apart.shape[1]) + 0.2).all()
     assert (apart.std(axis=1) > 1.0).all()
+
+
+def test_where_fits_agree_on_a_contact_its_readings_cost_nothing(run):
+    """Neither do they tell of the noise, whatever a trajectory says of a contact."""
+    contact = np.arange(NODES) < 3
+    some = replace(run, contact=contact, touching=~contact)
+    filtered = run_filter(some, np.zeros(4))
+    counts = some.scored
+    assert counts.sum() == (NODES - 3) * PER_NODE
+    rest = log_determinant(filtered.tally(some, of_one_channel(some), 1))
+    assert rest == pytest.approx(np.log(filtered.variances[counts]).sum())
+    assert not run_smoother(some, filtered, np.zeros(PARAMETERS)).of_readings[:, ~counts].any()
 
 
 def test_a_state_that_is_known_all_but_exactly(run):

@@ -125,11 +125,13 @@ def improved(
 
 def remembering(problem: Problem, whitened: Sequence[np.ndarray]) -> set[str]:
     """Channels whose neighbouring innovations are correlated more than chance makes them; ``whitened`` (m,) of each
-    run."""
+    run, NaN where they do not count."""
     found = set()
     for c, channel in enumerate(problem.channels):
         parts = [w[d.channel == c] for d, w in zip(problem.runs, whitened, strict=True)]
-        pairs, power = sum(len(r) for r in parts), sum(float(r @ r) for r in parts)
+        pairs = sum(int(np.isfinite(r).sum()) for r in parts)
+        parts = [np.nan_to_num(r) for r in parts]
+        power = sum(float(r @ r) for r in parts)
         products = [abs(sum(float(r[lag:] @ r[:-lag]) for r in parts if len(r) > lag)) for lag in LAGS]
         limit = stats.norm.isf(SUSPICION / (2 * len(problem.channels) * len(LAGS))) * np.sqrt(max(pairs, 1))
         if power and max(products) / (power / pairs) > limit:
@@ -144,7 +146,9 @@ def uneven(problem: Problem, whitened: Sequence[np.ndarray]) -> list[str]:
     powers, counts = np.ones(shape), np.zeros(shape)
     for i, (d, w) in enumerate(zip(problem.runs, whitened, strict=True)):
         for c in np.unique(d.channel):
-            mine = w[d.channel == c]
+            mine = w[(d.channel == c) & np.isfinite(w)]
+            if not len(mine):
+                continue
             powers[i, c], counts[i, c] = np.mean(mine**2), len(mine)
     usual = np.array([np.median(powers[counts[:, c] > 0, c]) if counts[:, c].any() else 1.0 for c in range(shape[1])])
     limit = stats.norm.isf(SUSPICION / (2 * shape[0])) * np.sqrt(2.0 / np.maximum(counts, 1.0))
@@ -165,7 +169,8 @@ def families(
     memory = {h.channel: h.size["correlation_time"] for h in hints if h.kind == COLOURED}
     rounded = {h.channel for h in hints if h.kind == ROUNDED and h.channel}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
-    whitened = settle(problem, f.structure, plain, f.point, 1).evidence.whitened
+    here = settle(problem, f.structure, plain, f.point, 1)
+    whitened = [np.where(s.scored, w, np.nan) for s, w in zip(here.systems, here.evidence.whitened, strict=True)]
     suspects = remembering(problem, whitened) | set(memory)
     hums = humming(problem, whitened) | {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
     coloured = tuple(

@@ -168,6 +168,9 @@ def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> 
         kept = [k for k, n in enumerate(structure.free) if n not in undetermined]
         structure = Structure(problem.model, tuple(structure.free[k] for k in kept))
         base = shooting.fit(problem, structure, replace(base.point, theta=base.theta[kept]), FIRST_STEPS)
+    if any(t.any() for t in base.touching):
+        problem = problem.with_contacts(base.touching)
+        base = shooting.fit(problem, structure, base.point, FIRST_STEPS)
     return problem, base, undetermined
 
 

@@ -20,7 +20,8 @@ TURNS = 5
 
 
 def humming(problem: Problem, whitened: Sequence[Array]) -> dict[str, float]:
-    """Period (s) by channel that hums; ``whitened`` (m,) are each run's innovations.
+    """Period (s) by channel that hums; ``whitened`` (m,) are each run's innovations, NaN where they do
+    not count.
 
     The power of white noise at a frequency is an exponential variable, so that of all runs and channels together is a
     gamma variable. The strongest frequency is a hum where chance makes such a one in `LEVEL` of campaigns, all
@@ -32,8 +33,8 @@ def humming(problem: Problem, whitened: Sequence[Array]) -> dict[str, float]:
     frequencies = np.fft.rfftfreq(size, step)
     power, count = np.zeros((len(problem.channels), len(frequencies))), np.zeros(len(problem.channels))
     for d, w in zip(problem.runs, whitened, strict=True):
-        for c in np.unique(d.channel):
-            mine = d.channel == c
+        for c in np.unique(d.channel[np.isfinite(w)]):
+            mine = (d.channel == c) & np.isfinite(w)
             placed = np.bincount(np.round((d.time[mine] - d.time[0]) / step).astype(int), w[mine])
             power[c] += np.abs(np.fft.rfft(placed, size)) ** 2 / max(float(w[mine] @ w[mine]), 1e-300)
             count[c] += 1

@@ -39,7 +39,8 @@ class LinearRun:
     ``start_mean`` (N, c); ``kicks`` (n, N) variances of white disturbances of each state on the way to the next node,
     beside those of the accelerations; ``touching`` (n,) where the cradle is in contact on that way; ``late`` (m, 4)
     what the coordinates' rates add to a reading because it is of another moment; ``struck`` (m,) readings that show
-    what an impact changes."""
+    what an impact changes; ``contact`` (n,) where such readings do not count in any fit (None: where this trajectory
+    touches)."""
 
     first: np.ndarray
     sensitivity: np.ndarray
@@ -54,13 +55,19 @@ class LinearRun:
     touching: np.ndarray
     late: np.ndarray
     struck: np.ndarray
+    contact: np.ndarray | None = None
+
+    @property
+    def forgiven(self) -> np.ndarray:
+        """Nodes (n,) whose readings of what an impact changes do not count."""
+        return self.touching if self.contact is None else self.contact
 
     @property
     def scored(self) -> np.ndarray:
         """Readings (m,) that count. What an impact changes is only conditioned on during a contact (a partial
         likelihood, Cox 1975)."""
         node = np.repeat(np.arange(len(self.spacing)), np.diff(self.first))
-        return ~(self.touching[node] & self.struck)
+        return ~(self.forgiven[node] & self.struck)
 
     def muted(self, which: np.ndarray) -> LinearRun:
         """The run in which some readings (m,) say nothing."""
@@ -106,16 +113,17 @@ class Filtered:
         """What `log_determinant` needs of a run, (5, channels), from the channel (m,) of each reading.
 
         Of those that count: Σ log of their variances, Σ log of the variances over their noise's, their number. Of the
-        others: Σ log of their noise's variance, their number."""
+        others, where they are not the same in all fits: Σ log of their noise's variance, their number."""
         counts = run.scored
+        others = ~counts & (run.contact is None)
         of_noise, whole = np.log(run.variance), np.log(self.variances)
-        parts = (whole * counts, (whole - of_noise) * counts, counts, of_noise * ~counts, ~counts)
+        parts = (whole * counts, (whole - of_noise) * counts, counts, of_noise * others, others)
         return np.array([np.bincount(channel, weights=w.astype(float), minlength=channels) for w in parts])
 
 
 def log_determinant(tally: np.ndarray) -> float:
     """Σ log of all innovations' variances, from what all runs tell (5, channels); 1 more for each reading that does not
-    count.
+    count here, but may in another fit.
 
     Such a reading costs what others of its channel cost that are nothing but noise to the model: a deviance compares
     with that of other contacts, and how stiff a node's contact happens to be does not matter."""
@@ -157,19 +165,21 @@ def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
 def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoothed:
     """Smoothed deviations at parameters θ (g,) of the columns behind the first.
 
-    What moves the cradle during a contact says nothing of the disturbances: it may be the contact."""
+    What moves the cradle during a contact says nothing of the disturbances, for it may be the contact. Only surge goes
+    on as it does without."""
     weights = np.concatenate([[1.0], theta])
     n, size, _ = filtered.roots.shape
     deviations, adjoint = np.empty((n, size)), np.empty((n, size))
     found, expected = np.zeros(4), np.zeros(4)
-    free = np.where(run.touching, 0.0, run.spacing)  # time without a contact
+    forgiven = run.forgiven[:, None]
+    lasting = np.where(forgiven & (np.arange(4) > 0), 0.0, run.spacing[:, None])
     of_states, of_readings = np.zeros((2, size)), np.zeros((2, len(run.variance)))
     _smoother(
-        run.first, run.sensitivity, run.variance, run.transitions, free, run.kicks,
+        run.first, run.sensitivity, run.variance, run.transitions, lasting, np.where(forgiven, 0.0, run.kicks),
         filtered.innovations @ weights, filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights,
         deviations, adjoint, found, expected, of_states, of_readings,
     )  # fmt: skip
-    return Smoothed(deviations, adjoint, found, expected, of_states, of_readings)
+    return Smoothed(deviations, adjoint, found, expected, of_states, of_readings * run.scored)
 
 
 @compiled_once
@@ -302,7 +312,7 @@ def _smoother(
     H,
     R,
     transitions,
-    spacing,
+    lasting,
     kicks,
     nu,
     variances,
@@ -321,8 +331,9 @@ def _smoother(
     info, half = np.zeros((N, N)), np.zeros((N, N))
     for k in range(n - 1, -1, -1):
         if k < n - 1:
-            F, T = transitions[k], spacing[k]
+            F = transitions[k]
             for c in range(4):  # the adjoint is that of node k + 1
+                T = lasting[k, c]
                 a, b, d = T * T * T / 3.0, T * T, T
                 found[c] += a * lam[c] * lam[c] + b * lam[c] * lam[4 + c] + d * lam[4 + c] * lam[4 + c]
                 expected[c] += a * info[c, c] + b * info[c, 4 + c] + d * info[4 + c, 4 + c]

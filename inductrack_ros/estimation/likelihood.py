@@ -24,6 +24,8 @@ FALL = 1e-3
 REACH, LONGEST_REACH, FAR_ABOVE = 3.0, 8.0, -0.7
 #: One that falls below this part of itself is still on its way.
 RESTING = 0.3
+#: What is expected of a disturbance of which no reading tells.
+UNTOLD = 1e-300
 #: A step that changes the deviance by less than this has converged.
 TOLERANCE = 0.5
 
@@ -142,7 +144,8 @@ def settle(
         found, expected = shown(problem, processes, power, smooth, n_states)
         ratio = np.clip(np.log(found) - np.log(expected), -50.0, 50.0)
         there = likelier(here, ratio, before)
-        next_power = np.where(moving, np.clip(there[:4], NO_POWER, ROUGHEST), NO_POWER)
+        told_of = moving & (expected[:4] > UNTOLD)
+        next_power = np.where(told_of, np.clip(there[:4], NO_POWER, ROUGHEST), NO_POWER)
         next_processes = resized(processes, there[4:])
         if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
             break
@@ -160,7 +163,7 @@ def shown(
     at the likeliest. The second is how many of its values the data tell."""
     of_power = np.array([np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected")]) * power
     of_processes = told(problem, processes, smooth, n_states)
-    return np.maximum(np.concatenate([of_power, of_processes], axis=1), 1e-300)
+    return np.maximum(np.concatenate([of_power, of_processes], axis=1), UNTOLD)
 
 
 def to_gain(found: np.ndarray, expected: np.ndarray) -> float:

@@ -87,6 +87,7 @@ def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray,
         _touching(model, outputs[:, 0]),
         late,
         _struck(data),
+        data.contact,
     )
 
 

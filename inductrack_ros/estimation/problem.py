@@ -52,6 +52,7 @@ class RunData:
     guess: np.ndarray  # (8,) first guess, exact where fixed
     pulses: tuple[np.ndarray, np.ndarray, np.ndarray]  # as the kernel takes them; see `_measured_current`
     averaged: bool
+    contact: np.ndarray | None = None  # grid points at which a run is in contact, see `Problem.with_contacts`
 
     @property
     def drive(self) -> np.ndarray:
@@ -68,8 +69,9 @@ class RunData:
         """The run with only its samples up to ``horizon`` (s)."""
         kept = self.time <= horizon
         grid = self.grid[: max(2, np.searchsorted(self.grid, horizon + GRID))]
+        contact = None if self.contact is None else self.contact[: len(grid)]
         parts = {name: getattr(self, name)[kept] for name in ("row", "column", "time", "y", "channel")}
-        return replace(self, grid=grid, **parts)
+        return replace(self, grid=grid, contact=contact, **parts)
 
 
 def lay_out(run: Run, model: Model, channels: Sequence[str], dof: Dof) -> RunData:
@@ -191,6 +193,15 @@ class Problem:
         """The same problem with other noise levels (c,)."""
         part = self.subset(range(len(self.runs)))
         part.sigma = np.asarray(sigma, float)
+        return part
+
+    def with_contacts(self, touching: Sequence[np.ndarray]) -> Problem:
+        """The same problem with contacts that all fits agree on, (n,) of each run's grid.
+
+        What is read during these does not count in any fit. So all fits explain the same readings, and their deviances
+        compare whatever each says of contacts."""
+        part = self.subset(range(len(self.runs)))
+        part.runs = tuple(replace(r, contact=t) for r, t in zip(self.runs, touching, strict=True))
         return part
 
     @cached_property

@@ -92,7 +92,7 @@ def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | Non
     chosen = fit.structure if structure is None and isinstance(fit, Fit) else structure
     assert chosen is not None
     systems = problem.for_runs(lambda i: linearise(problem, chosen, i, fit.theta, fit.paths[i]))
-    return [replace(s, touching=np.zeros_like(s.touching)) for s in systems] if fit.exact else systems
+    return [replace(s, touching=np.zeros_like(s.touching), contact=None) for s in systems] if fit.exact else systems
 
 
 def fit(
