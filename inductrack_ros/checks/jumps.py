@@ -105,9 +105,7 @@ def _jumps(run: Run, channel: str, rows: NDArray[np.intp], about: Channel) -> It
         jump, lasting = float(steps[large].sum()), float(np.diff(run.times[known[first : last + 1]])[large].sum())
         beside = [np.diff(run[channel][some]) / np.diff(run.times[some]) for some in (before, behind)]
         usual = float(np.median(np.abs(np.concatenate(beside))))
-        least = max(
-            CLEAR * usual * lasting, OVER_NOISE * max(about.noise, about.step), levels.SMALLEST * about.spread
-        )
+        least = max(CLEAR * usual * lasting, OVER_NOISE * max(about.noise, about.step), levels.SMALLEST * about.spread)
         if abs(jump) > max(LEFT * np.abs(steps).max(), least):
             yield int(known[first + int(np.argmax(np.abs(steps)))]), jump
 
