@@ -74,6 +74,17 @@ class RunData:
         return replace(self, grid=grid, contact=contact, **parts)
 
 
+def _widened(data: RunData, touching: np.ndarray) -> np.ndarray:
+    """Contacts (n,) up to the readings before and behind them."""
+    read, ways = np.unique(data.row), np.flatnonzero(touching)
+    first = read[np.maximum(np.searchsorted(read, ways, side="right") - 1, 0)]
+    last = read[np.minimum(np.searchsorted(read, ways + 1), len(read) - 1)]
+    contact = touching.copy()
+    for a, b in zip(first, last, strict=True):
+        contact[a : b + 1] = True
+    return contact
+
+
 def lay_out(run: Run, model: Model, channels: Sequence[str], dof: Dof) -> RunData:
     """Prepare one run. Raises `InputError` where the speed cannot be had from anything measured or given."""
     measured = run.measured
@@ -196,12 +207,13 @@ class Problem:
         return part
 
     def with_contacts(self, touching: Sequence[np.ndarray]) -> Problem:
-        """The same problem with contacts that all fits agree on, (n,) of each run's grid.
+        """The same problem with contacts that all fits agree on: where one of them touches, (n,) of each run's grid.
 
         What is read during these does not count in any fit. So all fits explain the same readings, and their deviances
-        compare whatever each says of contacts."""
+        compare whatever each says of contacts. When one begins or ends is known to a sample: those beside it go with
+        it."""
         part = self.subset(range(len(self.runs)))
-        part.runs = tuple(replace(r, contact=t) for r, t in zip(self.runs, touching, strict=True))
+        part.runs = tuple(replace(r, contact=_widened(r, t)) for r, t in zip(self.runs, touching, strict=True))
         return part
 
     @cached_property

@@ -301,7 +301,8 @@ def _shown(systems: Sequence[LinearRun]) -> np.ndarray:
 def _where_told(system: LinearRun, left: Misses) -> Misses:
     """What is left where a linear run promises anything: of a contact whose blows are forgiven it does not."""
     readings = np.where(system.scored, left.readings, 0.0)
-    return replace(left, readings=readings, defects=np.where(system.touching[:-1, None], 0.0, left.defects))
+    blind = (system.touching | system.forgiven)[:-1, None]
+    return replace(left, readings=readings, defects=np.where(blind, 0.0, left.defects))
 
 
 def _went(
