@@ -138,7 +138,7 @@ class Smoothed:
     ``adjoint`` (n, N) is the smoother's; the disturbance that leads to node k is Q_{k-1} times it. ``found`` and
     ``expected`` (4,) are tr(∂Q/∂q λλᵀ) and its expectation: twice the log likelihood's derivative by a power q is found
     − expected. The same by the logarithm of a variance: of a state's kicks and start, ``of_states`` (2, N) (found,
-    expected), and of a reading, ``of_readings`` (2, m)."""
+    expected), and of a reading, ``of_readings`` (2, m); ``counts`` (m,) which of these count."""
 
     deviations: np.ndarray
     adjoint: np.ndarray
@@ -146,6 +146,7 @@ class Smoothed:
     expected: np.ndarray
     of_states: np.ndarray
     of_readings: np.ndarray
+    counts: np.ndarray
 
 
 def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
@@ -179,7 +180,7 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
         filtered.innovations @ weights, filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights,
         deviations, adjoint, found, expected, of_states, of_readings,
     )  # fmt: skip
-    return Smoothed(deviations, adjoint, found, expected, of_states, of_readings * run.scored)
+    return Smoothed(deviations, adjoint, found, expected, of_states, of_readings, run.scored)
 
 
 @compiled_once

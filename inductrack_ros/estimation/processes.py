@@ -208,10 +208,10 @@ def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smooth
         if p.kind == WHITE:
             c = problem.channels.index(p.on)
             for data, s in zip(problem.runs, smooth, strict=True):
-                result[:, k] += s.of_readings[:, data.channel == c].sum(axis=1)
+                result[:, k] += s.of_readings[:, s.counts & (data.channel == c)].sum(axis=1)
         elif p.kind == NOISY_RUN:
             for data, s in zip(problem.runs, smooth, strict=True):
-                result[:, k] += s.of_readings.sum(axis=1) * (data.run.name == p.on)
+                result[:, k] += s.of_readings[:, s.counts].sum(axis=1) * (data.run.name == p.on)
         elif p.kind == IMPACT:
             result[:, k] = 1.0
         else:
