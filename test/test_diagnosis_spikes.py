@@ -8,7 +8,7 @@ import pytest
 from test_diagnosis_input import CHANNELS, NOISE, simulated
 
 from inductrack_ros.core.model import Model
-from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.diagnose import base_fit, spikes_and_fit
 from inductrack_ros.diagnosis.spikes import outlying
 
 #: Run, channel and row of each bad reading, and by how many times the noise it is off.
@@ -29,15 +29,9 @@ def spoiled(campaign, planted):
 
 
 def test_all_that_were_planted_are_found_and_no_others(touching):
-    campaign = spoiled(touching, PLANTED)
-    problem, base, _ = base_fit(campaign, Model.default())
+    spikes, (_, base, _) = spikes_and_fit(spoiled(touching, PLANTED), Model.default())
     assert any(t.any() for t in base.touching)
-    found = {
-        (f.channel, run, row)
-        for f in outlying(problem, base, campaign)
-        for run, rows in f.samples.items()
-        for row in rows
-    }
+    found = {(f.channel, run, row) for f in spikes for run, rows in f.samples.items() for row in rows}
     assert found == {(channel, f"run_{run}", row) for run, channel, row, _ in PLANTED}
 
 

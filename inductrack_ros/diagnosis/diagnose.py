@@ -56,13 +56,7 @@ def diagnose(
     hear(seen)
     notes = support.inspect(campaign)
     tell("fitting what is known")
-    problem, base, undetermined = base_fit(campaign, model, seen)
-    spikes: tuple[Finding, ...] = ()
-    for _ in range(SPIKE_ROUNDS):  # the first hide others: while they are in, the plant looks shaken
-        if (more := outlying(problem, base, campaign, spikes)) == spikes:
-            break
-        spikes = more
-        problem, base, undetermined = base_fit(set_aside(campaign, spikes), model, (*seen, *spikes))
+    spikes, (problem, base, undetermined) = spikes_and_fit(campaign, model, seen)
     campaign, seen = set_aside(campaign, spikes), (*seen, *spikes)
     notes += support.undetermined(undetermined, base)
     task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
@@ -145,7 +139,27 @@ def sharpened(name: str, task: Task, f: Fit) -> tuple[str | None, Proposal | Non
     return f"{proposal[0]}{' (if nothing shook the cradle)' if f.power.any() else ''}", proposal[1], []
 
 
-def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> tuple[Problem, Fit, tuple[str, ...]]:
+#: A problem, the fit of the model as it is, and the parameters that the data cannot determine.
+BaseFit = tuple[Problem, Fit, tuple[str, ...]]
+
+
+def spikes_and_fit(
+    campaign: Campaign, model: Model, seen: Sequence[Finding] = ()
+) -> tuple[tuple[Finding, ...], BaseFit]:
+    """The spikes that the fit of the model as it is shows, and that fit without them.
+
+    The first hide others: while they are in, the plant looks shaken."""
+    spikes: tuple[Finding, ...] = ()
+    found = base_fit(campaign, model, seen)
+    for _ in range(SPIKE_ROUNDS):
+        if (more := outlying(found[0], found[1], campaign, spikes)) == spikes:
+            break
+        spikes = more
+        found = base_fit(set_aside(campaign, spikes), model, (*seen, *spikes))
+    return spikes, found
+
+
+def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> BaseFit:
     """The problem with its noise, the fit of the model as it is, and the parameters that the data cannot determine."""
     problem = Problem(campaign, model, _noise(campaign, seen))
     own = tuple(
