@@ -39,7 +39,7 @@ def humming(problem: Problem, whitened: Sequence[Array]) -> dict[str, float]:
             power[c] += np.abs(np.fft.rfft(placed, size)) ** 2 / max(float(w[mine] @ w[mine]), 1e-300)
             count[c] += 1
     asked = frequencies > TURNS / longest
-    if not asked.any():
+    if not asked.any() or not count.any():
         return {}
     chances = stats.gamma.logsf(power.sum(axis=0), count.sum())[asked]
     best = int(np.argmin(chances))
