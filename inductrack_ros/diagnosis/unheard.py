@@ -56,7 +56,7 @@ def promised(
     deviances = [weigh(problem, f.structure, full, f.theta, power).deviance for power in powers]
     best = int(np.argmin(deviances))
     scored = sum(int((d & s.scored).sum()) for s, d in zip(muted, dead, strict=True))
-    muting = sum(float(np.log(MUTE) * d.sum()) for d in dead)
+    muting = sum(float(np.log(MUTE) * (d & s.charged).sum()) for s, d in zip(muted, dead, strict=True))
     return deviances[best] - muting + scored + price, Background(powers[best], f.processes, price)
 
 

@@ -69,6 +69,12 @@ class LinearRun:
         node = np.repeat(np.arange(len(self.spacing)), np.diff(self.first))
         return ~(self.forgiven[node] & self.struck)
 
+    @property
+    def charged(self) -> np.ndarray:
+        """Readings (m,) whose noise a deviance counts: those that count, and the others where another fit may count
+        them."""
+        return self.scored | (self.contact is None)
+
     def muted(self, which: np.ndarray) -> LinearRun:
         """The run in which some readings (m,) say nothing."""
         return replace(self, variance=np.where(which, MUTE, self.variance))
@@ -115,7 +121,7 @@ class Filtered:
         Of those that count: Σ log of their variances, Σ log of the variances over their noise's, their number. Of the
         others, where they are not the same in all fits: Σ log of their noise's variance, their number."""
         counts = run.scored
-        others = ~counts & (run.contact is None)
+        others = run.charged & ~counts
         of_noise, whole = np.log(run.variance), np.log(self.variances)
         parts = (whole * counts, (whole - of_noise) * counts, counts, of_noise * others, others)
         return np.array([np.bincount(channel, weights=w.astype(float), minlength=channels) for w in parts])
