@@ -52,47 +52,15 @@ def load(
     ``warm_up`` calls what is to be compiled now; ``flags`` are arguments that are true or false; ``announce`` is told
     where compiling will take its time. Raises `InputError` for an effect or a channel that numba cannot compile.
     """
-    ingredients = [text, numba.__version__, np.__version__, sys.version, platform.processor(), platform.machine()]
-    ingredients += [fingerprint(part.function, set()) for e in items for part in e.parts]
-    ingredients += [fingerprint(c.function, set()) for c in channels.values() if c.function]
-    key = hashlib.sha256("\n".join(ingredients).encode()).hexdigest()[:20]
+    key = _key(text, items, channels)
     if key in _modules:
         return _modules[key]
     folder = cache_folder() / key
-    path = folder / _MODULE
-    fresh = not path.exists()
-    with contextlib.suppress(OSError):
-        os.utime(folder)  # what is used is kept; not the file: older numba takes another age for another text
-    if fresh:  # written aside and renamed, for two processes may start at once
-        try:
-            folder.mkdir(exist_ok=True)
-            aside = folder / f"kernel.{os.getpid()}.tmp"
-            aside.write_text(text, encoding="utf-8")
-            os.replace(aside, path)
-        except OSError as error:
-            raise _not_kept(folder.parent, error) from None
-        prune(folder.parent)
-    name = f"inductrack_kernel_{key}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec and spec.loader  # a path that ends in .py has both
-    module = importlib.util.module_from_spec(spec)
-    done: dict[int, Callable] = {}
-    for i, item in enumerate(items):
-        for number, part in enumerate(item.parts):
-            setattr(module, function_name(i, number), _jit(part.function, name, done))
-    for channel, item in channels.items():
-        if item.function:
-            setattr(module, channel_function(channel), _jit(item.function, name, done))
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
+    _write(text, folder)
+    module = _fill(f"inductrack_kernel_{key}", folder / _MODULE, items, channels)
     kept = any(folder.glob("__pycache__/*.nbc"))
     if not kept:
-        for i, item in enumerate(items):
-            for number in range(len(item.parts)) if not _is_ours(item) else ():
-                _check_alone(item, number, getattr(module, function_name(i, number)), flags)
-        for channel, item in channels.items():
-            signature = tuple(numba.boolean if a in flags else numba.float64 for a in item.arguments)
-            _check_function(item.place, getattr(module, channel_function(channel)), signature, ["what is read"])
+        _check_each(module, items, channels, flags)
         if announce:
             announce("compiling the model, once for this set of effects: 15 s to a minute …")
     try:
@@ -110,6 +78,61 @@ def load(
         return load(text, items, warm_up, flags, announce, channels)
     _modules[key] = module
     return module
+
+
+def _key(text: str, items: Sequence[Effect], channels: Mapping[str, Channel]) -> str:
+    """The hash of all that the machine code depends on."""
+    ingredients = [text, numba.__version__, np.__version__, sys.version, platform.processor(), platform.machine()]
+    ingredients += [fingerprint(part.function, set()) for e in items for part in e.parts]
+    ingredients += [fingerprint(c.function, set()) for c in channels.values() if c.function]
+    return hashlib.sha256("\n".join(ingredients).encode()).hexdigest()[:20]
+
+
+def _write(text: str, folder: Path) -> None:
+    """The module's text in its folder, unless it is there. Raises `InputError` where there is no room."""
+    path = folder / _MODULE
+    fresh = not path.exists()
+    with contextlib.suppress(OSError):
+        os.utime(folder)  # what is used is kept; not the file: older numba takes another age for another text
+    if not fresh:
+        return
+    try:  # written aside and renamed, for two processes may start at once
+        folder.mkdir(exist_ok=True)
+        aside = folder / f"kernel.{os.getpid()}.tmp"
+        aside.write_text(text, encoding="utf-8")
+        os.replace(aside, path)
+    except OSError as error:
+        raise _not_kept(folder.parent, error) from None
+    prune(folder.parent)
+
+
+def _fill(name: str, path: Path, items: Sequence[Effect], channels: Mapping[str, Channel]) -> types.ModuleType:
+    """The module in ``path``, with the functions of effects and channels under the names that it calls."""
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec and spec.loader  # a path that ends in .py has both
+    module = importlib.util.module_from_spec(spec)
+    done: dict[int, Callable] = {}
+    for i, item in enumerate(items):
+        for number, part in enumerate(item.parts):
+            setattr(module, function_name(i, number), _jit(part.function, name, done))
+    for channel, item in channels.items():
+        if item.function:
+            setattr(module, channel_function(channel), _jit(item.function, name, done))
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _check_each(
+    module: types.ModuleType, items: Sequence[Effect], channels: Mapping[str, Channel], flags: Sequence[str]
+) -> None:
+    """Compile a user's functions one by one, so that an error names the function. Raises `InputError`."""
+    for i, item in enumerate(items):
+        for number in range(len(item.parts)) if not _is_ours(item) else ():
+            _check_alone(item, number, getattr(module, function_name(i, number)), flags)
+    for channel, item in channels.items():
+        signature = tuple(numba.boolean if a in flags else numba.float64 for a in item.arguments)
+        _check_function(item.place, getattr(module, channel_function(channel)), signature, ["what is read"])
 
 
 def _not_kept(folder: Path, error: OSError) -> InputError:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user can get wrong, said in one line: what, where, and what to do about it."""
+"""What a user is told beside results: errors in one line (what, where, what to do about it), and warnings."""
 
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Iterable
 
 
@@ -26,3 +27,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 def one_line(error: Exception) -> str:
     """What a library's exception says, in one line that is not too long."""
     return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def announce(message: str) -> None:
+    """Say to the user, on standard error, what is no error: a warning, or that something takes its time."""
+    print(message, file=sys.stderr, flush=True)

@@ -5,7 +5,6 @@ files."""
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,65 +12,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from . import kernel as kernels
 from .coils.seam import SEAM, averaged_change
 from .coils.settings import coil_track
 from .coils.track import Coils
 from .effects import Effect, load_effects, split_name
-from .errors import InputError, did_you_mean
-from .options import COIL_OPTIONS, DRIVES, MODEL_OPTIONS, TRACKS, is_of_the_node
+from .errors import InputError, announce, did_you_mean
+from .model_names import arguments_of, beside, check_conditions, check_has, flat_names, text_list, write_model
+from .options import DRIVES, TRACKS
 from .parameter_files import blocks_for, merged, shared_names
 from .parameters import PARAMETERS, Values, check_parameters
+from .runs import Pulses, Trajectory
 from .state import CHANNELS, COORDINATES, INDEX, MOTION, MOVING, OUTPUTS, STATES, Dof, as_dof
 from .uncertainty import Uncertainty
 
 _NONE = np.empty(0)
-#: How the names of conditions begin in a parameter file.
-CONDITIONS = "conditions."
-
-
-@dataclass(frozen=True)
-class Pulses:
-    """Drive pulses in the order they begin: ``times`` (s, start of the half sine), ``coils`` (index) and ``currents``
-    (A, signed), each (n,)."""
-
-    times: np.ndarray
-    coils: np.ndarray
-    currents: np.ndarray
-
-    def arrays(self, wavelength: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Times, coil places (m) and currents as the kernel takes them.
-
-        Coil n stands at n λ/2. Neighbours are wound in opposite sense, so that the current alternates from coil to
-        coil as the paper has it; the sign below undoes that.
-        """
-        order = np.argsort(self.times, kind="stable")
-        coils = np.asarray(self.coils, float)[order]
-        sign = 1.0 - 2.0 * (np.round(coils) % 2)
-        currents = np.asarray(self.currents, float)[order] * sign
-        return np.asarray(self.times, float)[order], coils * wavelength / 2, currents
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """A simulated run: ``times`` (n,) and ``outputs`` (n, w), the columns of `state.MOTION` or all of `state.OUTPUTS`;
-    ``final`` is the whole last state."""
-
-    times: np.ndarray
-    outputs: np.ndarray
-    final: np.ndarray
-
-    def __getitem__(self, channel: str) -> np.ndarray:
-        if INDEX[channel] >= self.outputs.shape[1]:
-            raise KeyError(f"{channel} was not simulated; simulate(…, further=True) does")
-        return self.outputs[:, INDEX[channel]]
-
-    @property
-    def states(self) -> np.ndarray:
-        """The eight states, (n, 8)."""
-        return self.outputs[:, :8]
 
 
 @dataclass(frozen=True)
@@ -125,11 +81,7 @@ class Model:
         for name, values in given.items():
             item, _ = split_name(name, known, CHANNELS, where)
             for parameter in values:
-                if parameter not in item.parameters:
-                    raise InputError(
-                        f"{place}effect '{name}' has no parameter"
-                        f" '{parameter}'{did_you_mean(parameter, item.parameters)}"
-                    )
+                check_has(item, name, parameter, place)
             if item.only and item.only != drive:
                 raise InputError(
                     f"{place}effect '{name}' belongs to the {item.only} drive; with drive: {drive} the pulses"
@@ -148,7 +100,7 @@ class Model:
         options = dict(coil_options or {}) if track == "coils" else {}
         if track == "coils":
             coil_track(options, numbers, where)
-        asked = _check_conditions(conditions or {}, known, place)
+        asked = check_conditions(conditions or {}, known, place)
         return cls(numbers, checked, moving, drive, files, asked, track, options)
 
     @classmethod
@@ -166,7 +118,7 @@ class Model:
         blocks, folder = blocks_for(path), Path(path).parent
         values = merged(blocks)
         if not trusted:
-            named = [beside(folder, f) for f in _text_list(values.pop("effect_files", []), "effect_files", f"{path}: ")]
+            named = [beside(folder, f) for f in text_list(values.pop("effect_files", []), "effect_files", f"{path}: ")]
             given = {os.path.realpath(f) for f in extra_files}
             if others := [f for f in named if os.path.realpath(f) not in given]:
                 raise InputError(
@@ -189,49 +141,7 @@ class Model:
 
         Names in ``shared`` were given to nodes of any name: one that no model has is passed over, and said.
         """
-        place = f"{where}: " if where else ""
-        values = dict(values)
-        dof, drive = values.pop("dof", 4), values.pop("drive", "averaged")
-        track, on_track = values.pop("track", "averaged"), ("track_length", *COIL_OPTIONS)
-        coil_options = {n: values.pop(n) for n in on_track if n in values}
-        names = _text_list(values.pop("effects", []), "effects", place)
-        files = [
-            beside(folder, f) if folder else f
-            for f in _text_list(values.pop("effect_files", []), "effect_files", place)
-        ] + [str(f) for f in extra_files]
-        if unused := [n for n in coil_options if track == "averaged" and n in COIL_OPTIONS]:
-            _announce(f"warning: {place}without track: coils these say nothing: {', '.join(unused)}")
-        known = load_effects(files)
-        foreign = [n for n in values if n in shared and not is_of_the_node(n) and not _of_a_model(n, known)]
-        if foreign:
-            _announce(f"warning: {place}not of the model, passed over: {', '.join(foreign)}")
-        values = {n: v for n, v in values.items() if n not in foreign}
-        base: dict[str, object] = {}
-        conditions = {n.removeprefix(CONDITIONS): values.pop(n) for n in list(values) if n.startswith(CONDITIONS)}
-        effects: dict[str, dict[str, object]] = {name: {} for name in names}
-        off: list[str] = []
-        for key, value in values.items():
-            effect_name, dot, parameter = key.rpartition(".")
-            if is_of_the_node(key):
-                continue
-            if not dot:
-                base[key] = value
-            elif effect_name in effects:
-                effects[effect_name][parameter] = value
-            else:
-                item, _ = split_name(effect_name, known, CHANNELS, where)
-                off.append(key)
-                if parameter not in item.parameters:
-                    raise InputError(
-                        f"{place}effect '{effect_name}' has no parameter"
-                        f" '{parameter}'{did_you_mean(parameter, item.parameters)}"
-                    )
-        if off:
-            _announce(f"warning: {place}not used, effects: does not list their effect: {', '.join(off)}")
-        for key in base:
-            if key not in PARAMETERS:
-                raise InputError(f"{place}unknown parameter '{key}'{did_you_mean(key, [*PARAMETERS, *MODEL_OPTIONS])}")
-        return cls.create(base, effects, dof, drive, files, where, conditions, track, coil_options)
+        return cls.create(**arguments_of(values, where, extra_files, folder, shared))
 
     def with_changes(
         self, parameters: Mapping[str, float] | None = None, effects: Mapping[str, Values] | None = None, **others: Any
@@ -247,39 +157,12 @@ class Model:
 
     def to_mapping(self) -> dict[str, object]:
         """Flat names and values, as `from_mapping` reads them."""
-        dof = list(self.dof) if isinstance(self.dof, tuple) else self.dof
-        flat: dict[str, object] = {"dof": dof, "drive": self.drive, **self.parameters, "effects": list(self.effects)}
-        if self.track != "averaged":
-            flat |= {"track": self.track, **self.coil_options}
-        if self.effect_files:
-            flat["effect_files"] = list(self.effect_files)
-        flat |= {CONDITIONS + name: value for name, value in self.conditions.items()}
-        return flat | {
-            f"{e}.{p}": list(v) if isinstance(v, tuple) else v
-            for e, values in self.effects.items()
-            for p, v in values.items()
-        }
+        return flat_names(self)
 
     def save(self, path: str | Path, comment: str = "", uncertainty: Uncertainty | None = None) -> None:
         """Write a ROS 2 parameter file, whole or not at all; with ``uncertainty`` it says how well its parameters are
         known."""
-        flat = self.to_mapping()
-        nested: dict[str, Any] = {}
-        for key, value in flat.items():
-            effect_name, dot, parameter = key.rpartition(".")
-            if dot:
-                nested.setdefault(effect_name, {})[parameter] = value
-            elif value != []:  # an empty list has no type in a ROS parameter file
-                nested[key] = value
-        text = "".join(f"# {line}\n" for line in comment.splitlines())
-        blocks = {"/**": {"ros__parameters": nested}} | (uncertainty.block() if uncertainty else {})
-        text += yaml.safe_dump(blocks, sort_keys=False, allow_unicode=True)
-        aside = Path(path).with_name(Path(path).name + ".partial")
-        try:
-            aside.write_text(text, encoding="utf-8")
-            os.replace(aside, path)
-        finally:
-            aside.unlink(missing_ok=True)
+        write_model(path, self.to_mapping(), comment, uncertainty)
 
     # -- what it is made of -------------------------------------------------------------------------------------
 
@@ -306,7 +189,7 @@ class Model:
 
     @cached_property
     def _kernel(self) -> kernels.Kernel:
-        return kernels.build(self.known_effects, _announce, self.track == "coils")
+        return kernels.build(self.known_effects, announce, self.track == "coils")
 
     @cached_property
     def coils(self) -> Coils | None:
@@ -640,44 +523,3 @@ def _arrays_wrench(g: Mapping[Any, float], kind: str) -> np.ndarray:
         - c * left * (g["arm_left_x"] + g["arm_left_y"])
     )
     return np.array([0.0, c * (left - right), top - c * (right + left), moment])
-
-
-def _check_conditions(given: Mapping[str, Any], known: Mapping[str, Effect], place: str) -> dict[str, float]:
-    """The conditions as numbers. Raises `InputError` for one that no effect asks for, and for what is no number."""
-    asked = {c for item in known.values() for c in item.conditions if c not in PARAMETERS}
-    for name, value in given.items():
-        if name not in asked:
-            own = (
-                "it is a parameter of the model, set that"
-                if name in PARAMETERS
-                else "no effect asks for it" + did_you_mean(name, asked)
-            )
-            raise InputError(f"{place}{CONDITIONS}{name}: {own}")
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
-            raise InputError(f"{place}{CONDITIONS}{name} = {value!r:.60} is not a finite number")
-    return {name: float(value) for name, value in given.items()}
-
-
-def _of_a_model(name: str, effects: Mapping[str, Effect]) -> bool:
-    """Whether a parameter of this name is some model's; ``effects`` are those known."""
-    effect, dot, _ = name.rpartition(".")
-    if name.startswith(CONDITIONS):
-        return any(name.removeprefix(CONDITIONS) in item.conditions for item in effects.values())
-    return effect.partition(":")[0] in effects if dot else name in PARAMETERS or name in MODEL_OPTIONS
-
-
-def _announce(message: str) -> None:
-    print(message, file=sys.stderr, flush=True)
-
-
-def beside(folder: Path, file: str) -> str:
-    """A file that a YAML names, seen from the YAML's folder."""
-    return os.path.join(folder, os.path.expanduser(file))
-
-
-def _text_list(value: object, name: str, place: str) -> list[str]:
-    if isinstance(value, str):
-        value = [value]
-    if not isinstance(value, (list, tuple)) or any(not isinstance(v, str) for v in value):
-        raise InputError(f"{place}{name} must be a list of names, got {value!r:.60}")
-    return [v for v in value if v]

@@ -15,8 +15,8 @@ import numpy as np
 
 from . import sensor_kernel, sensor_loop
 from .effects import Effect
-from .errors import InputError
-from .model import Model, _announce
+from .errors import InputError, announce
+from .model import Model
 from .parameters import Values
 from .state import INDEX, MOTION, OUTPUTS
 
@@ -187,7 +187,7 @@ class Sensors:
 
     @cached_property
     def _compiled(self):
-        return sensor_kernel.build(tuple(self.known.values()), _announce)
+        return sensor_kernel.build(tuple(self.known.values()), announce)
 
     @cached_property
     def _shifts(self) -> dict[str, _Plan]:

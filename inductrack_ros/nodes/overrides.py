@@ -20,7 +20,7 @@ from pathlib import Path
 import yaml
 
 from ..core.errors import InputError
-from ..core.model import beside
+from ..core.model_names import beside
 from ..core.parameter_files import Block, nothing_for, read_blocks, shared_names
 
 EMPTY = [""]  # a list in which there is nothing; an empty one has no type, and rcl none for it

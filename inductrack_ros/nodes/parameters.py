@@ -10,7 +10,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from ..core.errors import InputError, did_you_mean
-from ..core.model import CONDITIONS, Model
+from ..core.model import Model
+from ..core.model_names import CONDITIONS
 from ..core.options import MODEL_OPTIONS, OF_ROS, Option
 from ..core.parameters import PARAMETERS, Parameter
 from .overrides import EMPTY
