@@ -5,8 +5,8 @@
 
 Each start gets one of SIGINT, SIGTERM, SIGINT twice (as `ros2 launch` sends it) or SIGINT over and over, at a random
 moment after its first log line; `--load` processes spin meanwhile. `record` records what a simulator publishes, so its
-bag must be whole; `play` plays that bag. Clean is: status 0, no traceback, ended within `LIMIT` seconds. Ends with
-status 1 where one did not."""
+bag must be whole. Clean is: status 0, no traceback, ended within `LIMIT` seconds. Ctrl-C
+tells what was seen so far. Ends with status 1 where one did not end clean."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ SIGNALS = {
     "INT INT": [signal.SIGINT] * 2,
     "INT …": [signal.SIGINT] * 2000,
 }
+NODES = ("sim", "track_controller", "monitor", "record", "play")
 BIN = Path(sys.executable).parent
 
 
@@ -61,19 +62,20 @@ def once(name: str, options: list, folder: Path, chance: random.Random) -> str:
     """Start the node and stop it; "clean" or what was wrong."""
     log = folder / "log"
     process = start(log, name, *options)
-    while "[INFO]" not in log.read_text():
-        if process.poll() is not None:
-            return f"ended at its start: {log.read_text().strip()[-200:]}"
-        time.sleep(0.01)
-    time.sleep(chance.uniform(0.0, 0.5))
-    how = chance.choice([*SIGNALS])
-    begin = time.monotonic()
-    status = stop(process, SIGNALS[how])
+    try:
+        while "[INFO]" not in log.read_text():
+            if process.poll() is not None:
+                return f"ended at its start: {log.read_text().strip()[-200:]}"
+            time.sleep(0.01)
+        time.sleep(chance.uniform(0.0, 0.5))
+        how = chance.choice([*SIGNALS])
+        begin = time.monotonic()
+        status = stop(process, SIGNALS[how])
+    finally:
+        process.kill()  # one that has not ended: the script was broken off
     if status != 0 or "Traceback" in log.read_text():
-        return (
-            f"{how}: {'killed after ' + format(LIMIT, 'g') + ' s' if status is None else f'status {status}'}:"
-            f" {log.read_text().strip()[-200:]}"
-        )
+        what = f"killed after {LIMIT:g} s" if status is None else f"status {status}"
+        return f"{how}: {what}: {log.read_text().strip()[-200:]}"
     print(f"{name:17s} {how:8s} {time.monotonic() - begin:5.2f} s", end="\r", flush=True)
     return "clean"
 
@@ -89,6 +91,14 @@ def record(folder: Path, chance: random.Random) -> str:
     return said
 
 
+def attempt(name: str, folder: Path, chance: random.Random) -> str:
+    """Start one node and stop it; "clean" or what was wrong."""
+    if name == "record":
+        return record(folder, chance)
+    options = {"sim": ["--ros-args", "-r", "__ns:=/other"], "play": [folder / "played", "--listeners", "99"]}
+    return once(name, options.get(name, []), folder, chance)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("--times", type=int, default=200, help="of each node (default: 200)")
@@ -96,30 +106,28 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     chance, folder = random.Random(given.seed), Path(tempfile.mkdtemp(prefix="inductrack_starts_"))
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background a shell has it ignored
     domain = claim_domain()  # held until the end
     spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(given.load)]
     beside = start(folder / "beside", "sim", "--ros-args", "-r", "__node:=beside")
-    found: dict[str, Counter] = {}
+    found: dict[str, Counter] = {name: Counter() for name in NODES}
     try:
         write_bag(folder / "played", [0.0, 1.0], {channel: [0.0, 1.0] for channel in STATES})
-        for name in ("sim", "track_controller", "monitor", "record", "play"):
-            options = {
-                "sim": ["--ros-args", "-r", "__ns:=/other"],
-                "play": [folder / "played", "--listeners", "99"],
-            }.get(name, [])
-            if name == "record":
-                found[name] = Counter(record(folder, chance) for _ in range(given.times))
-            else:
-                found[name] = Counter(once(name, options, folder, chance) for _ in range(given.times))
-            print(f"{name:17s} {found[name]['clean']} of {given.times} clean")
-            for wrong, count in found[name].items():
-                if wrong != "clean":
-                    print(f"    {count} × {wrong}")
+        for _ in range(given.times):  # one node after the other, so that a run that is broken off tells of all
+            for name in NODES:
+                found[name][attempt(name, folder, chance)] += 1
+    except KeyboardInterrupt:
+        print("broken off")
     finally:
         for process in (beside, *spinning):
             process.kill()
         domain.close()
         shutil.rmtree(folder)
+    for name, seen in found.items():
+        print(f"{name:17s} {seen['clean']} of {seen.total()} clean")
+        for wrong, count in seen.items():
+            if wrong != "clean":
+                print(f"    {count} × {wrong}")
     return int(any(seen["clean"] < given.times for seen in found.values()))
 
 

@@ -278,7 +278,6 @@ DIALECT_CELLS = CELLS | st.sampled_from(
         "2026-13-45",
         "12:30:01",
         "99:99",
-        # Fmt: skip.
         "01.02.2026 10:00",
         "NaT",
         "°",

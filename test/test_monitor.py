@@ -129,6 +129,21 @@ def test_pulses_count():
         assert monitor.status()[1].startswith(verdict)
 
 
+def test_half_a_window_knows_a_force_less_well():
+    """Of positions alone, as window^−2.5, which docs/monitor.md says."""
+    model = Model.default()
+    times = np.arange(0.0, 0.5, 1 / 500)
+    run = model.simulate(times, model.initial_state(surge_rate=17.0), drive_current=7000.0)
+    values = run.states[:, :4] + NOISE[:4] * np.random.default_rng(0).standard_normal((len(times), 4))
+    sigmas = {}
+    for length in (0.05, 0.1):
+        monitor = Monitor(model, NOISE, length=length)
+        for t, row in zip(times, values, strict=True):
+            monitor.pose(round((1.0 + t) * 1e9), row)
+        sigmas[length] = np.median([w.fit.sigma for w in monitor.windows() if w.fit], axis=0)
+    assert sigmas[0.05] / sigmas[0.1] == pytest.approx(2**2.5, rel=0.15)
+
+
 @pytest.mark.parametrize("drive", ["averaged", "pulses"])
 def test_nothing_is_compiled_once_windows_come(drive):
     """A slice that was not contiguous had the kernel compiled anew in the first window: `monitor` was deaf for

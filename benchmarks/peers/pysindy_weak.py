@@ -1,19 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """PySINDy's weak form and FROLS, over the catalogue's signatures, with η and γ projected out.
 
-PySINDy's: the test functions, the weak derivatives and integrals (`WeakPDELibrary`), and the order in which terms enter
-(`FROLS`). `pysindy.SINDy` itself has one set of coefficients for each equation and no terms that differ between
-equations, so these are ours: one smoothing spline a channel, the columns (what each effect does to the accelerations
-along the smoothed measurements, what each sensor fault does to both sides), the rows of all equations and runs one
-above the other, each equation over its noise (found by adding further noise to the data), the projection, and the stop
-by BIC along the order that FROLS gives, for what FROLS 2.1 minimises to stop is the part explained, which is least with
-no term at all.
+PySINDy gives the test functions, the weak derivatives and integrals (`WeakPDELibrary`), and the order in which terms
+enter (`FROLS`). `pysindy.SINDy` itself has one set of coefficients for each equation, and no terms that differ between
+equations. So the rest is ours:
 
-What helps it: a wavy track's columns have the wavelengths and phases that explain most (for three parameters each), an
-    effect without parameters costs one, measured rates and accelerations have equations of their own, BIC counts
-    overlapping test functions in part, and slopes in a sensor fault's column are the model's, not the noisy data's.
-    What hurts it: stretches at or near contact are left out, so sliding friction hardly shows; signatures are of first
-    order, so a large sensor fault looks like several terms."""
+- one smoothing spline for each channel;
+- the columns: what each effect does to the accelerations along the smoothed measurements, and what each sensor fault
+  does to both sides;
+- the rows: all equations of all runs, each over its noise. Adding further noise to the data gives that noise;
+- the projection;
+- the stop: BIC along the order that FROLS gives. What FROLS 2.1 minimises to stop is the part explained, and that is
+  least with no term at all.
+
+What helps it: a wavy track's columns have the wavelengths and phases that explain most (for three parameters each). An
+effect without parameters costs one. Measured rates and accelerations have equations of their own. BIC counts
+overlapping test functions in part. Slopes in a sensor fault's column are the model's, not those of the noisy data.
+
+What hurts it: stretches at or near contact are left out, so sliding friction hardly shows. Signatures are of first
+order, so a large sensor fault looks like several terms."""
 
 from __future__ import annotations
 

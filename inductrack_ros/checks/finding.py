@@ -28,14 +28,14 @@ LISTED = 200
 class Finding:
     """One thing that a look found.
 
-    kind: what it is, a word of `docs/check.md`
-    severity: one of `SEVERITIES`
-    text: what is so and where, a sentence without its full stop
-    remedy: what to do about it; may be empty
-    channel: the channel it is about, None for the run's clock or the whole campaign
-    run: the run's name where it is about one run
-    samples: by run name the numbers (from 0) of the samples meant
-    size: how large it is, by name, SI units
+    - kind: what it is, a word of `docs/check.md`
+    - severity: one of `SEVERITIES`
+    - text: what is so and where, a sentence without its full stop
+    - remedy: what to do about it; may be empty
+    - channel: the channel it is about, None for the run's clock or the whole campaign
+    - run: the run's name where it is about one run
+    - samples: by run name the numbers (from 0) of the samples meant
+    - size: how large it is, by name, SI units
     """
 
     kind: str

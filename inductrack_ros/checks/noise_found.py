@@ -25,12 +25,12 @@ EXCEPTIONS, ROUNDED = 0.01, 0.02
 class Channel:
     """What one channel's samples in all runs show.
 
-    noise: standard deviation of what neighbours do not predict
-    by_reach: what the cubics of each of `local.REACHES` miss, typically; as much as noise and motion together make them
-    smooth: the noise by the line through two neighbours alone; larger where motion shows in it
-    step: what its readings are whole multiples of, 0 where no step shows
-    low, middle, high: between the first and the last are 98 % of its samples; the median
-    count: number of samples
+    - noise: standard deviation of what neighbours do not predict
+    - by_reach: typical error of the cubics of each of `local.REACHES`; noise and motion together make it
+    - smooth: the noise by the line through two neighbours alone; larger where motion shows in it
+    - step: what its readings are whole multiples of, 0 where no step shows
+    - low, middle, high: the median is ``middle``; 98 % of the samples lie between the two others
+    - count: number of samples
     """
 
     noise: float

@@ -122,8 +122,8 @@ def _powers(times: Array, values: Array, step: float, omega: Array) -> tuple[Arr
 
 
 def _deviation(times: Array) -> Array:
-    """What the deviation of the third of five readings from the cubic through the other four takes of each, (n, 5), at
-    their ``times`` (n, 5); at even steps (1, −4, 6, −4, 1)/6."""
+    """Weights (n, 5) of five readings at ``times`` (n, 5). They sum to how far the third lies off the cubic through the
+    other four. At even steps they are (1, −4, 6, −4, 1)/6."""
     t = times - times[:, 2:3]
     weights = np.zeros(t.shape)
     weights[:, 2] = 1.0

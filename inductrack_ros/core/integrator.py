@@ -6,13 +6,13 @@ does not define (``derivative``, ``N_STATES``, …) come from there.
 
 Outside contact the forces are smooth and slow, so a step of two milliseconds is exact to a tenth of a micrometre.
 Shorter steps are taken in contact until its vibration has died away, while a pulse lasts, and wherever the embedded
-third-order result disagrees (a wavy track, a strong field, a user's effect). Steps end where a pulse begins or ends,
-where an array touches or leaves the track, and where the travel turns; a cradle that friction holds at a standstill is
-held, it does not rattle about zero speed.
+third-order result disagrees (a wavy track, a strong field, a user's effect). A step ends where a pulse begins or ends,
+where an array touches or leaves the track, and where the travel turns. A cradle that friction holds at a standstill is
+held. It does not rattle about zero speed.
 
-``rig`` below is what does not change during a step: (P, on, groups, free, touching, origin, averaged, pt, pp, pc),
-where ``groups`` has a bit for each group of effects of which any is on, ``free`` are the coordinates that move now and
-pt, pp, pc the pulses' times, places and currents.
+``rig`` below is what does not change during a step: (P, on, groups, free, touching, origin, averaged, pt, pp, pc).
+``groups`` has a bit for each group of effects of which any is on. ``free`` are the coordinates that move now. pt, pp
+and pc are the pulses' times, places and currents.
 
 All but the three entry points are compiled without numba's reference counting, which took half the time: they own no
 array, so work space comes from the entry point. ``PADDED`` is N_STATES rounded up to whole vector registers.

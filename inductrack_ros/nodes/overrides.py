@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters given on a node's command line, made such that ROS 2 reads in them what the package's own reader does.
+"""Parameters given on a node's command line, in a form that ROS 2 reads as the package's own reader does.
 
-rcl's parser stops at an empty list, at whole and real numbers in one list, at a general block before a special one
-(ros2/rcl#1252) and at a plain mapping, and says so in words of its own source. So the files are read by
-`core.parameter_files`, as commands read them, and rcl gets their content in a form that it takes. Which block is for
-which node, and what comes first, is left to rcl.
+rcl's parser refuses four things that the reader takes: an empty list, whole and real numbers in one list, a general
+block before a special one (ros2/rcl#1252), and a plain mapping. Its messages speak of its own source. So
+`core.parameter_files` reads the files, as it does for commands, and rcl gets their content in a form that it takes. rcl
+still decides which block is for which node, and which comes first.
 """
 
 from __future__ import annotations

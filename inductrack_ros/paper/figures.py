@@ -343,79 +343,61 @@ def eigenvalues(found: Sequence[Modes]) -> Figure:
 
 def drive(model) -> Figure:
     """Thrust in time, mean thrust over speed and pulse length, mean thrust over firing delay."""
+    return Figure(
+        [*_thrust_in_time(model), *_thrust_over_speed(model), *_thrust_over_delay(model)],
+        _drive_layout(),
+        "Drive pulse by pulse against the averaged law, over time, speed, pulse length and firing delay",
+        430,
+    )
+
+
+def _thrust_in_time(model) -> list[dict]:
     time, thrust = thrust_in_time(model, 15.5, periods=2.0, points=601)
     mean = model.quantities(model.initial_state(surge_rate=15.5))["thrust"]
-    data = [
+    return [
         line(1e3 * time, 1e-3 * thrust, "pulse by pulse", BLUE, legendgroup="p"),
         line(1e3 * time[[0, -1]], 1e-3 * np.array([mean, mean]), "averaged (39)", ORANGE, width=2),
     ]
+
+
+def _thrust_over_speed(model) -> list[dict]:
+    """Mean thrust for each pulse length: points of the simulation, lines of the closed formula."""
+    second = {"xaxis": "x2", "yaxis": "y2"}
     speeds, fine = np.concatenate([np.linspace(2, 10, 3), np.linspace(15, 100, 18)]), np.linspace(1, 100, 200)
+    data = []
     for tau, colour in zip(PULSE_LENGTHS, (GREEN, BLUE, PURPLE), strict=True):
         of = model.with_changes({"pulse_length": tau})
         low = [v for v in speeds if 2 * v * tau < 1.6 * of.parameters["wavelength"]]
         name = f"τ = {1e6 * tau:.0f} µs"
-        data.append(dots(low, [mean_ratio(of, v) for v in low], name, colour, xaxis="x2", yaxis="y2", size=6))
-        data.append(
-            line(fine, closed_formula(of, fine), name, colour, xaxis="x2", yaxis="y2", showlegend=False, width=1.5)
-        )
+        data.append(dots(low, [mean_ratio(of, v) for v in low], name, colour, **second, size=6))
+        data.append(line(fine, closed_formula(of, fine), name, colour, **second, showlegend=False, width=1.5))
+    return data
+
+
+def _thrust_over_delay(model) -> list[dict]:
+    """Mean thrust for each speed: points of the simulation, lines of the closed formula."""
+    third = {"xaxis": "x3", "yaxis": "y3"}
     delays, fine = np.linspace(0, 1.2e-3, 13), np.linspace(0, 1.2e-3, 200)
-    for speed, colour, shape in zip(
-        DELAY_SPEEDS, (GREEN, BLUE, PURPLE), ("square", "diamond", "triangle-up"), strict=True
-    ):
-        name = f"{speed:g} m/s"
-        data.append(
-            dots(
-                1e3 * delays,
-                [mean_ratio(model, speed, d) for d in delays],
-                name,
-                colour,
-                xaxis="x3",
-                yaxis="y3",
-                size=7,
-                symbol=shape,
-            )
-        )
-        data.append(
-            line(
-                1e3 * fine,
-                closed_formula(model, speed, fine),
-                name,
-                colour,
-                xaxis="x3",
-                yaxis="y3",
-                showlegend=False,
-                width=1.5,
-            )
-        )
+    looks = zip(DELAY_SPEEDS, (GREEN, BLUE, PURPLE), ("square", "diamond", "triangle-up"), strict=True)
+    data = []
+    for speed, colour, shape in looks:
+        name, ratios = f"{speed:g} m/s", [mean_ratio(model, speed, d) for d in delays]
+        law = closed_formula(model, speed, fine)
+        data.append(dots(1e3 * delays, ratios, name, colour, **third, size=7, symbol=shape))
+        data.append(line(1e3 * fine, law, name, colour, **third, showlegend=False, width=1.5))
+    return data
+
+
+def _drive_layout() -> dict:
+    """Three plots side by side, with a band of 1 % about the averaged law in the last two."""
     titles = ("one pulse every λ/2, at 15.5 m/s", "speed and pulse length, fired in time", "fired late, τ = 600 µs")
+    at = {"x": 0, "y": 1.08, "showarrow": False, "xanchor": "left"}
     notes = [
-        {
-            "xref": f"x{n} domain",
-            "yref": f"y{n} domain",
-            "x": 0,
-            "y": 1.08,
-            "text": f"<b>{words}</b>",
-            "showarrow": False,
-            "xanchor": "left",
-        }
+        {"xref": f"x{n} domain", "yref": f"y{n} domain", "text": f"<b>{words}</b>", **at}
         for n, words in zip(("", "2", "3"), titles, strict=True)
     ]
-    band = [
-        {
-            "type": "rect",
-            "xref": f"x{n} domain",
-            "yref": f"y{n}",
-            "x0": 0,
-            "x1": 1,
-            "y0": 0.99,
-            "y1": 1.01,
-            "fillcolor": "@band",
-            "line": {"width": 0},
-            "layer": "below",
-        }
-        for n in ("2", "3")
-    ]
-    layout = {
+    band = {"type": "rect", "x0": 0, "x1": 1, "y0": 0.99, "y1": 1.01, "fillcolor": "@band", "line": {"width": 0}}
+    return {
         "xaxis": {"title": "time (ms)", "domain": [0, 0.27]},
         "yaxis": {"title": "thrust (kN)"},
         "xaxis2": {"title": "speed (m/s)", "domain": [0.36, 0.63], "anchor": "y2", "range": [0, 102]},
@@ -423,16 +405,10 @@ def drive(model) -> Figure:
         "xaxis3": {"title": "delay (ms)", "domain": [0.73, 1], "anchor": "y3"},
         "yaxis3": {"title": "mean thrust ÷ averaged law", "anchor": "x3", "range": [-1.1, 1.1]},
         "annotations": notes,
-        "shapes": band,
+        "shapes": [{**band, "xref": f"x{n} domain", "yref": f"y{n}", "layer": "below"} for n in ("2", "3")],
         "legend": {"orientation": "h", "x": 0, "y": -0.2, "yanchor": "top"},
         "margin": {"l": 8, "r": 8, "t": 40, "b": 8},
     }
-    return Figure(
-        data,
-        layout,
-        "Drive pulse by pulse against the averaged law, over time, speed, pulse length and firing delay",
-        430,
-    )
 
 
 # ---------------------------------------------------------------- identification

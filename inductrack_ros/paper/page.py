@@ -240,10 +240,50 @@ def _figures(page: Page, work: Reproduction) -> str:
 # ---------------------------------------------------------------- stability
 
 
+#: Columns of the table of stability, and what stands in each.
+_OF_STABILITY = {
+    "Speed<br>m/s": lambda q: f"{q.speed:g}",
+    "Gap<br>mm": lambda q: f"{1e3 * q.gap:.3f}",
+    "Trim<br>A": lambda q: f"{q.drive_current:,.0f}",
+    "Heave<br>N/m": lambda q: f"{q.heave_stiffness:,.0f}",
+    "Sway<br>N/m": lambda q: f"{q.sway_stiffness:,.0f}",
+    "Roll<br>N·m/rad": lambda q: f"{q.roll_stiffness:.1f}",
+    "Heave<br>Hz": lambda q: f"{q.heave_frequency:.2f}",
+    "Roll<br>Hz": lambda q: f"{q.lateral_frequencies[1]:.2f}",
+    "Sway<br>Hz": lambda q: f"{q.lateral_frequencies[0]:.2f}",
+    "Coupling<br>N·s/m": lambda q: _signed(q.coupling_damping),
+    "Current<br>N·s/m": lambda q: _signed(q.current_damping),
+    "Both<br>N·s/m": lambda q: _signed(q.both_damping),
+    "Growth<br>1/s": lambda q: _signed(q.growth),
+}
+
+
 def _stability(page: Page, work: Reproduction) -> str:
     c = work.claims
-    m = c.at_critical_speed
-    words = markup(
+    rows = [[say(q) for say in _OF_STABILITY.values()] for q in work.modes_shown]
+    numbers = table(
+        [markup(title) for title in _OF_STABILITY],
+        rows,
+        "Stiffness, natural frequencies, damping in heave by cause, growth of a speed error",
+    )
+    plots = [
+        (figures.damping(c, work.modes), "Damping in heave. Below zero a swing grows."),
+        (figures.eigenvalues(work.modes), "Eigenvalues of the 4-DOF model (steady coil current) over speed."),
+        (figures.frequencies(work.modes), "Natural frequencies."),
+        (figures.stiffness(work.modes), "Stiffness of the centred, level cradle."),
+        (
+            figures.growth(work.modes, work.runs.critical_speed),
+            "An error of the speed grows at every speed: steady flight needs a controller.",
+        ),
+    ]
+    shown = joined(page.figure(f, t) for f, t in plots)
+    return _on_stability(work) + numbers + markup('<div class="two">') + shown + markup("</div>")
+
+
+def _on_stability(work: Reproduction) -> str:
+    """What the paper says of stability, and what the model gives."""
+    c, m = work.claims, work.claims.at_critical_speed
+    return markup(
         "<p>The model made linear about steady flight, the drive current trimmed so that thrust equals drag. <b>“No"
         " inherent damping in lift”</b> is exact while the speed is held. With the speed free, surge–heave coupling"
         " damps heave by {:.2f} N·s/m at the critical speed ({:.2g} % of critical damping). A coil current that takes"
@@ -259,54 +299,6 @@ def _stability(page: Page, work: Reproduction) -> str:
         c.beyond["both_sign_change"],
         m.growth,
         number(m.sway_stiffness, 3),
-    )
-    rows = [
-        [
-            f"{q.speed:g}",
-            f"{1e3 * q.gap:.3f}",
-            f"{q.drive_current:,.0f}",
-            f"{q.heave_stiffness:,.0f}",
-            f"{q.sway_stiffness:,.0f}",
-            f"{q.roll_stiffness:.1f}",
-            f"{q.heave_frequency:.2f}",
-            f"{q.lateral_frequencies[1]:.2f}",
-            f"{q.lateral_frequencies[0]:.2f}",
-            _signed(q.coupling_damping),
-            _signed(q.current_damping),
-            _signed(q.both_damping),
-            _signed(q.growth),
-        ]
-        for q in work.modes_shown
-    ]
-    header = [
-        markup("Speed<br>m/s"),
-        markup("Gap<br>mm"),
-        markup("Trim<br>A"),
-        markup("Heave<br>N/m"),
-        markup("Sway<br>N/m"),
-        markup("Roll<br>N·m/rad"),
-        markup("Heave<br>Hz"),
-        markup("Roll<br>Hz"),
-        markup("Sway<br>Hz"),
-        # Fmt: skip.
-        markup("Coupling<br>N·s/m"),
-        markup("Current<br>N·s/m"),
-        markup("Both<br>N·s/m"),
-        markup("Growth<br>1/s"),
-    ]
-    numbers = table(header, rows, "Stiffness, natural frequencies, damping in heave by cause, growth of a speed error")
-    plots = [
-        (figures.damping(c, work.modes), "Damping in heave. Below zero a swing grows."),
-        (figures.eigenvalues(work.modes), "Eigenvalues of the 4-DOF model (steady coil current) over speed."),
-        (figures.frequencies(work.modes), "Natural frequencies."),
-        (figures.stiffness(work.modes), "Stiffness of the centred, level cradle."),
-        (
-            figures.growth(work.modes, work.runs.critical_speed),
-            "An error of the speed grows at every speed: steady flight needs a controller.",
-        ),
-    ]
-    return (
-        words + numbers + markup('<div class="two">') + joined(page.figure(f, t) for f, t in plots) + markup("</div>")
     )
 
 

@@ -150,7 +150,6 @@ def _parameters(unit, typical):
 
 
 @effect(adds="force_surge", parameters=_parameters("N", 1.0), screened=False)
-# Fmt: skip.
 def stand_in_surge(
     surge,
     sway,
@@ -179,7 +178,6 @@ def stand_in_surge(
 
 
 @effect(adds="force_sway", parameters=_parameters("N", 1.0), screened=False)
-# Fmt: skip.
 def stand_in_sway(
     surge,
     sway,
@@ -208,7 +206,6 @@ def stand_in_sway(
 
 
 @effect(adds="force_heave", parameters=_parameters("N", 1.0), screened=False)
-# Fmt: skip.
 def stand_in_heave(
     surge,
     sway,
@@ -237,7 +234,6 @@ def stand_in_heave(
 
 
 @effect(adds="moment_roll", parameters=_parameters("N·m", 0.05), screened=False)
-# Fmt: skip.
 def stand_in_roll(
     surge,
     sway,
@@ -266,7 +262,6 @@ def stand_in_roll(
 
 
 @effect(changes="thrust", parameters=_parameters("", 0.01), screened=False)
-# Fmt: skip.
 def stand_in_thrust(
     thrust,
     surge,
