@@ -22,6 +22,7 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
 from inductrack_ros.core.errors import InputError
+from inductrack_ros.nodes.ending import HELD_BACK
 from inductrack_ros.nodes.launching import ARGUMENTS, Started, misspelt, plan, rviz_configuration
 from launch import LaunchContext, LaunchDescription
 
@@ -70,6 +71,7 @@ def _node(one: Started, namespace: str, given: dict[str, str]) -> Node:
         package=PACKAGE, executable=one.executable, name=one.executable, namespace=namespace, output="screen",
         parameters=[*([given["params_file"]] if one.reads_file else []), *([parameters] if parameters else [])],
         arguments=list(one.arguments), ros_arguments=["--log-level", given["log_level"]],
+        prefix=[LaunchConfiguration("launch-prefix", default=""), f" {HELD_BACK}"],
         on_exit=[Shutdown(reason=f"{one.executable} has ended")] if one.needed else None,
         **({"sigterm_timeout": JOINING} if one.executable == "record" else {}),
     )  # fmt: skip

@@ -4,10 +4,16 @@ do."""
 
 from __future__ import annotations
 
+import re
 import signal
+import subprocess
+from pathlib import Path
 
 import pytest
+from conftest import BIN, PATIENCE, wait_until
 from rosbags.rosbag2 import Reader
+
+from inductrack_ros.nodes.ending import HELD_BACK
 
 #: A node whose middleware hangs for ever where it is told to, inside C and with the interpreter's lock held or not.
 HANGS = """
@@ -74,6 +80,24 @@ def test_a_middleware_that_does_not_answer_is_left_behind_too(hanging):
     process.wait_for("hangs")
     process.send(signal.SIGINT)
     assert process.wait() == 1 and "has not answered" in process.output
+
+
+def holds_back(pid: int, number: signal.Signals) -> bool:
+    """Whether the process has the signal blocked (Linux tells in /proc)."""
+    blocked = re.search(r"SigBlk:\s*(\w+)", Path(f"/proc/{pid}/status").read_text())
+    return bool(int(blocked.group(1), 16) >> (number - 1) & 1)
+
+
+@pytest.mark.parametrize("node", ["sim", "record", "monitor"])
+def test_ctrl_c_while_python_itself_starts_is_held_back(node):
+    """What the launch file puts before a node: else the interpreter dies of it, with a traceback or with −2."""
+    process = subprocess.Popen(
+        [*HELD_BACK.split(), BIN / node], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    wait_until(lambda: holds_back(process.pid, signal.SIGINT), "a signal that is held back")
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, said) == (0, "")
 
 
 @pytest.mark.parametrize("node", ["sim", "track_controller"])

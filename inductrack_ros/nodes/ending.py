@@ -18,6 +18,9 @@ from types import TracebackType
 from typing import NoReturn
 
 SIGNALS = signal.SIGINT, signal.SIGTERM
+#: A command that starts the command after it with Ctrl-C held back until `Stop.listen`. Else a Ctrl-C in the first half
+#: second kills the interpreter, with a traceback or with −2.
+HELD_BACK = "env --block-signal=INT"
 GRACE = 2.0  # s that the middleware gets to say good-bye to others, who else believe for 20 s that the node is there
 PATIENCE = 10.0  # s that a node gets after a signal to come back from a call of the middleware
 
@@ -38,7 +41,9 @@ class Stop:
         self._left = threading.Event()
 
     def listen(self) -> None:
-        """From here on signals come to this object. To be called in the main thread; a second call changes nothing."""
+        """From here on signals come to this object, also those that were held back while Python started (`HELD_BACK`).
+
+        To be called in the main thread; a second call changes nothing."""
         if self._listening:
             return
         self._listening = True
@@ -48,6 +53,7 @@ class Stop:
         os.set_blocking(write, False)
         signal.set_wakeup_fd(write, warn_on_full_buffer=False)
         threading.Thread(target=self._watch, args=[read], daemon=True).start()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
     def left(self) -> None:
         """The node has left its loop; from here on signals change nothing."""
