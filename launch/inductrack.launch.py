@@ -68,7 +68,8 @@ def _namespace(name: str, context: LaunchContext) -> str:
 def _node(one: Started, namespace: str, given: dict[str, str]) -> Node:
     parameters = {n: ParameterValue(v, value_type=type(v)) for n, v in one.parameters.items()}
     return Node(
-        package=PACKAGE, executable=one.executable, name=one.executable, namespace=namespace, output="screen",
+        package=PACKAGE, executable=one.executable, exec_name=one.executable, name=one.executable,
+        namespace=namespace, output="screen",
         parameters=[*([given["params_file"]] if one.reads_file else []), *([parameters] if parameters else [])],
         arguments=list(one.arguments), ros_arguments=["--log-level", given["log_level"]],
         prefix=[LaunchConfiguration("launch-prefix", default=""), f" {HELD_BACK}"],
