@@ -68,6 +68,7 @@ $(READY): setup.py package.xml Makefile
 	@echo "Installing into $(VENV) (ROS 2: $(ROS)) ..."
 	@ls $(READY) >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(if $(filter wheels,$(ROS)),,--system-site-packages) $(VENV)
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	-@$(BIN)/python -c 'from inductrack_ros.core.model import Model; Model.default().kernel'  # compiled now, so that no first start waits
 	@touch $@
 
 clean:
