@@ -57,8 +57,10 @@ _COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")
 
 
 def plotjuggler() -> str:
-    """A layout for PlotJuggler 3: a tab to each group, its plots one under the other."""
-    root = ElementTree.Element("root")
+    """A layout for PlotJuggler: a tab to each group, its plots one under the other.
+
+    Version 3 knows a curve by its name. Version 4 knows it by topic and field, and says so at the root."""
+    root = ElementTree.Element("root", format="PlotJuggler", pj4_version="4", binding="generic")
     tabs = ElementTree.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
     for name, plots in TABS.items():
         tab = ElementTree.SubElement(tabs, "Tab", tab_name=name, containers="1")
@@ -78,8 +80,8 @@ def plotjuggler() -> str:
             ElementTree.SubElement(plot, "range", left="0", right="1", bottom="0", top="1")
             ElementTree.SubElement(plot, "limitY")
             for (topic, field), colour in zip(curves, _COLOURS, strict=False):
-                path = f"/{NAMESPACE}/{topic}/{field.replace('.', '/')}"
-                ElementTree.SubElement(plot, "curve", name=path, color=colour)
+                topic, field = f"/{NAMESPACE}/{topic}", field.replace(".", "/")
+                ElementTree.SubElement(plot, "curve", name=f"{topic}/{field}", topic=topic, field=field, color=colour)
     ElementTree.SubElement(tabs, "currentTabIndex", index="0")
     ElementTree.SubElement(root, "use_relative_time_offset", enabled="1")
     ElementTree.indent(root)
