@@ -29,12 +29,12 @@ def rms(values: Array) -> float:
 class RunComparison:
     """One run and its prediction.
 
-    predicted: (n, c) as ``run.values``, given at every time
-    sigmas: (n, c) (measured − predicted) / noise, NaN where not measured
-    restarted: (n, c) the same where every window starts from a state fitted to it
-    conditions: speed, gap, place, contact, each (n,)
-    band: (n, c) standard deviation of ``predicted`` over noise, by what is known of parameters and initial state; None
-        where nobody says how well the parameters are known
+    - predicted: (n, c) as ``run.values``, given at every time
+    - sigmas: (n, c) (measured − predicted) / noise, NaN where not measured
+    - restarted: (n, c) the same where every window starts from a state fitted to it
+    - conditions: speed, gap, place, contact, each (n,)
+    - band: (n, c) standard deviation of ``predicted`` over noise, by what is known of parameters and initial state; None
+      where nobody says how well the parameters are known
     """
 
     run: Run
