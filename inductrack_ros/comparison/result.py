@@ -33,8 +33,8 @@ class RunComparison:
     - sigmas: (n, c) (measured − predicted) / noise, NaN where not measured
     - restarted: (n, c) the same where every window starts from a state fitted to it
     - conditions: speed, gap, place, contact, each (n,)
-    - band: (n, c) standard deviation of ``predicted`` over noise, by what is known of parameters and initial state; None
-      where nobody says how well the parameters are known
+    - band: (n, c) standard deviation of ``predicted`` over noise, by what is known of parameters and initial state;
+      None where nobody says how well the parameters are known
     """
 
     run: Run
