@@ -85,9 +85,10 @@ def record(folder: Path, chance: random.Random) -> str:
     shutil.rmtree(bag, ignore_errors=True)
     said = once("record", ["-o", bag], folder, chance)
     if said == "clean":
+        told = (folder / "log").read_text()
         with Reader(bag) as reader:
-            whole = f"{reader.message_count} messages on" in (folder / "log").read_text()
-        return "clean" if whole else "the bag is not whole"
+            count = reader.message_count
+        return "clean" if f" {count} messages on" in told else f"{count} messages in the bag: {told.strip()[-200:]}"
     return said
 
 

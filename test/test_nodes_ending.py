@@ -75,6 +75,30 @@ def test_a_bag_is_complete_before_the_middleware_is_asked_to_let_go(ros, hanging
     assert sim.stop() == 0
 
 
+SIGNALLED = """
+import os, signal, sys
+from inductrack_ros.nodes import record, start
+
+made = record.Recorder.__init__
+def init(self, options):
+    made(self, options)
+    os.kill(os.getpid(), signal.SIGINT)
+record.Recorder.__init__ = init
+sys.argv = ["record", "-o", "bag"]
+start.record()
+"""
+
+
+def test_a_bag_is_closed_when_the_signal_comes_before_the_first_message(ros):
+    """Between the recorder's first line and its loop, which a busy machine makes long."""
+    script = ros.folder / "signalled.py"
+    script.write_text(SIGNALLED)
+    recorder = ros.start(str(script))
+    assert recorder.wait() == 0 and "0 messages on 0 topics" in recorder.output, recorder.output
+    with Reader(ros.folder / "bag") as reader:
+        assert reader.message_count == 0
+
+
 def test_a_middleware_that_does_not_answer_is_left_behind_too(hanging):
     process = hanging("spin", "free", "track_controller")
     process.wait_for("hangs")

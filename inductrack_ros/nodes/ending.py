@@ -28,7 +28,7 @@ _CLOCK_MONOTONIC, _SIGEV_THREAD = 1, 2
 
 
 class Stop:
-    """What SIGINT and SIGTERM do: end at once while a node starts, ask it to stop once it runs.
+    """What SIGINT and SIGTERM do: end at once while a node starts, ask it to stop once it runs or holds a file open.
 
     Later ones change nothing: a launched node gets Ctrl-C twice. A thread sees to it that a node ends too whose main
     thread does not come back from a call of the middleware, where Python's signal handlers do not run.

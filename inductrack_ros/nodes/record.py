@@ -19,6 +19,7 @@ from rclpy.utilities import remove_ros_args
 from ..core.errors import InputError
 from .bag import SegmentedBag
 from .domain import reach
+from .ending import STOP
 from .messages import message_class
 from .runtime import NAMESPACE, every, run
 
@@ -35,6 +36,7 @@ class Recorder(Node):
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__("record", namespace=options.namespace)
         self._options = options
+        STOP.running = True  # a signal from here on must not end the process before the bag is closed
         self._bag = SegmentedBag(options.output)
         self._skipped: set[str] = set()
         self._begun: float | None = None  # s, monotonic
