@@ -122,7 +122,7 @@ def law_price() -> float:
 def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: int = LOOK_STEPS) -> State:
     """The state with a set of known effects, beside the background that suits it, after a few steps."""
     task.say(" + ".join([*state.added, *(m.name for m in found.members)]))
-    structure, point = _with_effects(task.problem, state.fit, found)
+    structure, point = with_effects(task.problem, state.fit, found)
     new = fit(
         task.problem,
         structure,
@@ -130,13 +130,12 @@ def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: 
         steps,
     )
     labels = " + ".join(m.name for m in found.members)
-    grown = _grown(state, found, family, new)
-    return grown.told(
+    return grown(state, found, family, new).told(
         f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})"
     )
 
 
-def _with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Structure, Point]:
+def with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Structure, Point]:
     """A fit's structure and point with a set of known effects at the sizes that it promises."""
     for member in found.members:
         if member.unheard:
@@ -152,7 +151,8 @@ def _with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Struct
     return structure, replace(f.point, theta=theta, paths=paths)
 
 
-def _grown(state: State, found: CandidateSet, family: int, new: Fit) -> State:
+def grown(state: State, found: CandidateSet, family: int, new: Fit) -> State:
+    """The state with a set of known effects, as fitted, and what it costs by chance."""
     price = state.price + sum(m.price(family) for m in found.members)
     return replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
 
@@ -165,10 +165,12 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
     hardest: int | None = None
     for s in sets if state.fit.exact or touches(state.fit) else ():
         task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
-        structure, point = _with_effects(task.problem, state.fit, s)
-        if hardest is not None and _flown(task, structure, point, (hardest,)).chi2 > _most_left(task, hardest):
+        structure, point = with_effects(task.problem, state.fit, s)
+        if hardest is not None and fitted_end_to_end(task, structure, point, (hardest,)).chi2 > _most_left(
+            task, hardest
+        ):
             continue
-        whole = _flown(task, structure, point, range(len(task.problem.runs)))
+        whole = fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
         if not whole.leaves_noise:
             over = [end_to_end.chi_square([part.residual]) - len(part.residual) for part in whole.linear]
             hardest = int(np.argmax(over))
@@ -176,14 +178,14 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
         new = exactly(task.problem, structure, point, REFIT_STEPS, whole)
         labels = " + ".join(m.name for m in s.members)
         found.append(
-            _grown(state, s, family, new).told(
+            grown(state, s, family, new).told(
                 f"{labels}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
             )
         )
     return sorted(found, key=lambda x: x.cost(task))
 
 
-def _flown(task: Task, structure: Structure, point: Point, runs: Sequence[int]) -> end_to_end.Fit:
+def fitted_end_to_end(task: Task, structure: Structure, point: Point, runs: Sequence[int]) -> end_to_end.Fit:
     """Some runs fitted from end to end, with contact taken exactly, from a point nearby."""
     problem = task.problem
     found = {p.on: p.size for p in point.processes if p.kind == background.WHITE and p.on not in task.given}
@@ -205,7 +207,7 @@ def touches(f: Fit) -> bool:
 
 def _exact(task: Task, structure: Structure, point: Point) -> Fit | None:
     """The fit with contact taken exactly from a point nearby; None where more than noise is left."""
-    whole = _flown(task, structure, point, range(len(task.problem.runs)))
+    whole = fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
     return exactly(task.problem, structure, point, REFIT_STEPS, whole) if whole.leaves_noise else None
 
 

@@ -85,6 +85,12 @@ class Screening:
         """How many rivals there are."""
         return len(self.candidates)
 
+    @property
+    def singles(self) -> list[CandidateSet]:
+        """The single effects, each from its most promising start only; cheapest first."""
+        singles = [s for s in self.sets if len(s.members) == 1]
+        return list({s.members[0].name: s for s in reversed(singles)}.values())[::-1]
+
 
 def names(problem: Problem, structure: Structure) -> list[str]:
     """Full names of all effects not yet in the structure, as far as they can matter in these runs."""

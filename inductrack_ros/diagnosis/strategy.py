@@ -16,6 +16,7 @@ import numpy as np
 from ..estimation.likelihood import TOLERANCE
 from ..estimation.shooting import linearise_all
 from . import background
+from .leads import best_lead, open_loop
 from .moves import (
     OutOfTime,
     State,
@@ -46,9 +47,11 @@ Stage = Callable[[Task, State], State]
 def search(task: Task, state: State) -> State:
     """The state with everything that the data say is missing; what log and rig do besides was looked for before
     (`add_background`)."""
-    revised: list[set[str]] = []
+    start, revised = state, list[set[str]]()
     while True:
         state = _through(task, state, ADDING)
+        if state.far and not state.stopped and (led := _led(task, start, state)):
+            return led
         grown = set(state.added)
         if state.stopped or revised and grown == revised[-1]:
             return state
@@ -57,6 +60,18 @@ def search(task: Task, state: State) -> State:
         if state.stopped or left == grown or left in revised:
             return state
         revised.append(left)  # something went: what is missing beside the rest is asked anew
+
+
+def _led(task: Task, start: State, found: State) -> State | None:
+    """From where the search began: the effects with which a model far from the rig predicts the runs best, in the place
+    of what was found; None where none predicts them much better."""
+    state, error = start, open_loop(task, start)
+    try:
+        while len(state.added) < MOST_EFFECTS and (lead := best_lead(task, state, error)):
+            state, error = add_background(task, lead[0]), lead[1]
+    except (KeyboardInterrupt, OutOfTime):
+        return None
+    return replace(state, far=True, log=(*found.log, *state.log[len(start.log) :])) if state.added else None
 
 
 def _through(task: Task, state: State, stages: Sequence[tuple[str, Stage]]) -> State:
@@ -134,7 +149,7 @@ def best_kept(task: Task, state: State, screening: Screening) -> State:
         kept, done = [*kept, settled(task, tried[cheapest])], [*done, *batch]
         promised = batch[cheapest].deviance
         reach = max(reach, promised + abs(kept[-1].fit.deviance - promised))
-        batch = [s for s in one_each(screening) if s.deviance < min(reach, plain) and s not in done][:REFITTED]
+        batch = [s for s in screening.singles if s.deviance < min(reach, plain) and s not in done][:REFITTED]
     return min(kept, key=lambda s: s.cost(task))
 
 
@@ -144,16 +159,10 @@ def best_force(task: Task, state: State, tables: Sequence[Law]) -> State:
     return min((smoothed_anew(task, with_law(task, state, law)) for law in near), key=lambda s: s.cost(task))
 
 
-def one_each(screening: Screening) -> list[CandidateSet]:
-    """The single effects, each from its most promising start only."""
-    singles = [s for s in screening.sets if len(s.members) == 1]
-    return list({s.members[0].name: s for s in reversed(singles)}.values())[::-1]
-
-
 def seen_before(task: Task, screening: Screening) -> list[CandidateSet]:
     """The single effects that the look at the data saw: they are tried whatever first order says of them."""
     seen = {f"{EFFECT_SEEN[h.kind]}:{h.channel}" for h in task.hints if h.kind in EFFECT_SEEN}
-    return [s for s in one_each(screening) if s.members[0].name in seen]
+    return [s for s in screening.singles if s.members[0].name in seen]
 
 
 def closest(screening: Screening) -> list[CandidateSet]:
