@@ -78,14 +78,11 @@ def test_damping_is_found_beside_a_wrong_law_of_lift(tmp_path):
     assert found.effects == ("heave_damping",)
 
 
-@pytest.mark.nightly
-@pytest.mark.xfail(
-    strict=True,
-    reason="a lift that also fades in time: wheels and an elastic frame, far off their usual sizes, are named",
-)
-def test_damping_is_named_and_something_is_left(tmp_path):
+def test_far_from_the_rig_what_predicts_it_best_is_the_lead(tmp_path):
+    """The lift falls otherwise with height and fades in time: a dozen effects imitate some of that."""
     campaign = plate(
         tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}}, warming=0.05, curl=0.3
     )
     found = diagnose(campaign, Model.load(campaign.model))
-    assert found.verdict == "unknown_effect" and found.effects[:1] == ("heave_damping",)
+    assert found.verdict == "unknown_effect" and found.effects == ("heave_damping",)
+    assert any("a lead" in note for note in found.notes)

@@ -18,26 +18,20 @@ from .screening import CandidateSet
 from .settings import LEAD, REFIT_STEPS
 
 
-def open_loop(task: Task, state: State) -> float:
-    """χ² a sample of a state's model, fitted from end to end."""
-    return _flown(task, state.fit.structure, state.fit.point)[0]
-
-
-def best_lead(task: Task, state: State, error: float) -> tuple[State, float] | None:
-    """The state with the known effect that predicts the runs best, and what it leaves of the open-loop ``error``; None
-    where the best leaves more than the part `LEAD` of it."""
+def best_lead(task: Task, state: State) -> State | None:
+    """The state with the known effect that predicts the runs best; None where it leaves more than the part `LEAD` of
+    the open-loop error."""
     screening = screened(task, state)
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
+    error, _ = _flown(task, state.fit.structure, state.fit.point)
     tried = [(one, *_with(task, state, one)) for one in screening.singles]
-    if not tried:
-        return None
     best, left, structure, theta = min(tried, key=lambda t: t[1])
     if not left < LEAD * error:
         return None
     _, point = with_effects(task.problem, state.fit, best)
     new = fit(task.problem, structure, replace(point, theta=theta), REFIT_STEPS)
     line = f"{best.members[0].name}: open-loop χ² per sample {error:.3g} -> {left:.3g}"
-    return grown(state, best, screening.family, new).told(line), left
+    return grown(state, best, screening.family, new).told(line)
 
 
 def _with(task: Task, state: State, one: CandidateSet) -> tuple[float, Structure, np.ndarray]:

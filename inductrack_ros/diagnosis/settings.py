@@ -33,7 +33,6 @@ UNDETERMINED = 0.1
 #: Effects found one after the other at the most: a model that lacks more is too far from the rig for any of them to be
 #: sure.
 MOST_EFFECTS = 3
-#: Where more is missing than that, an effect is a lead if it leaves less than this part of the open-loop error: ten
-#: times less than it takes, so that nothing else that is missing can be as large. A likelihood of what a far model leaves
-#: would make it needless.
-LEAD = 0.1
+#: Where more is missing than that, an effect is a lead if it leaves less than this part of the open-loop χ²: what it
+#: explains is more than all that is still missing.
+LEAD = 0.5

@@ -16,7 +16,7 @@ import numpy as np
 from ..estimation.likelihood import TOLERANCE
 from ..estimation.shooting import linearise_all
 from . import background
-from .leads import best_lead, open_loop
+from .leads import best_lead
 from .moves import (
     OutOfTime,
     State,
@@ -63,15 +63,15 @@ def search(task: Task, state: State) -> State:
 
 
 def _led(task: Task, start: State, found: State) -> State | None:
-    """From where the search began: the effects with which a model far from the rig predicts the runs best, in the place
-    of what was found; None where none predicts them much better."""
-    state, error = start, open_loop(task, start)
+    """From where the search began: the one effect with which a model far from the rig predicts the runs best, in the
+    place of all that was found; None where none explains more than it leaves. The next is asked for once it is added.
+    """
     try:
-        while len(state.added) < MOST_EFFECTS and (lead := best_lead(task, state, error)):
-            state, error = add_background(task, lead[0]), lead[1]
+        lead = best_lead(task, start)
+        state = add_background(task, lead) if lead else None
     except (KeyboardInterrupt, OutOfTime):
         return None
-    return replace(state, far=True, log=(*found.log, *state.log[len(start.log) :])) if state.added else None
+    return replace(state, far=True, log=(*found.log, *state.log[len(start.log) :])) if state else None
 
 
 def _through(task: Task, state: State, stages: Sequence[tuple[str, Stage]]) -> State:
