@@ -58,6 +58,11 @@ class LinearRun:
     contact: np.ndarray | None = None
 
     @property
+    def known(self) -> np.ndarray:
+        """Readings (m,) that tell anything: a late sensor's first ones are of before the run."""
+        return (self.sensitivity != 0.0).any(axis=1)
+
+    @property
     def forgiven(self) -> np.ndarray:
         """Nodes (n,) whose readings of what an impact changes do not count."""
         return self.touching if self.contact is None else self.contact

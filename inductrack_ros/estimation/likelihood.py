@@ -228,6 +228,7 @@ def promised(
     node = np.repeat(np.arange(len(moved)), np.diff(system.first))
     left = system.data[:, 0] + system.data[:, 1:] @ step
     left = left - np.einsum("ma,ma->m", system.sensitivity, moved[node]) - beside[0]
+    left[~system.known] = np.nan
     led = system.inputs[:, :, 0] + system.inputs[:, :, 1:] @ step + np.einsum("nab,nb->na", system.transitions, moved)
     defects, own = np.zeros((len(moved) - 1, 8)), active < 8
     defects[:, active[own]] = (moved[1:] - led[:-1])[:, own]

@@ -139,7 +139,7 @@ def _block(problem: Problem, structure: Structure, data: RunData, system: Linear
     """The states of one process in one run."""
     n, N = system.inputs.shape[:2]
     T, m, e = system.spacing, len(data.y), STATES[p.kind]
-    known = (system.sensitivity != 0.0).any(axis=1)
+    known = system.known
     H, F, coupling, kicks = np.zeros((m, e)), np.zeros((n, e, e)), np.zeros((n, N, e)), np.zeros((n, e))
     mine = known & (data.channel == problem.channels.index(p.on)) if p.on in problem.channels else known
     if p.kind == COLOURED:

@@ -273,15 +273,19 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     A = len(structure.model.active_states)
     moved = [s.deviations[:, :A] for s in settled.smooth]
     beside = [offsets(*of) for of in zip(plain, settled.systems, (s.deviations for s in settled.smooth), strict=True)]
-    went = _went(problem, structure, point, settled, moved, beside)
+
+    def hoped(share: float) -> list[Misses]:
+        step, ways = share * settled.evidence.step, zip(plain, moved, beside, strict=True)
+        return [promised(problem, structure, i, s, step, share * m, b) for i, (s, m, b) in enumerate(ways)]
+
+    went, kept = _went(problem, structure, point, settled, (moved, beside), hoped(0.0))
+    promises = hoped(1.0)
     quiet = np.maximum(settled.power, QUIET)
 
     def missed(i: int) -> float:
-        kept = misses(problem, structure, i, went.theta, went.paths[i], beside[i])
-        hoped = promised(problem, structure, i, plain[i], settled.evidence.step, moved[i], beside[i])
-        of_both = (_where_told(settled.systems[i], left) for left in (kept, hoped))
-        kept, hoped = (cost(problem, i, left, quiet, settled.systems[i]) for left in of_both)
-        return kept - hoped
+        of_both = (_where_told(settled.systems[i], left) for left in (kept[i], promises[i]))
+        came, promise = (cost(problem, i, left, quiet, settled.systems[i]) for left in of_both)
+        return came - promise
 
     told = not point.exact and bool(_shown(plain)[problem.model.moving > 0.0].all())
     lost = max(float(np.sum(problem.for_runs(missed))), 0.0) if told else 0.0
@@ -310,33 +314,34 @@ def _went(
     structure: Structure,
     point: Point,
     settled: Settled,
-    moved: Sequence[np.ndarray],
-    beside: Sequence[Beside],
-) -> Point:
-    """The point a step further: theta and all trajectories by the same share of it, a trajectory that fares worse by
-    less."""
-    active = structure.model.active_states
+    by: tuple[Sequence[np.ndarray], Sequence[Beside]],
+    here: Sequence[Misses],
+) -> tuple[Point, list[Misses]]:
+    """The point a step further, and what each run leaves there; ``here`` is what they leave at the point, ``by`` by how
+    much the step moves their states (n, A), and what processes add.
 
-    def costs(i: int, theta: np.ndarray, path: np.ndarray) -> float:
-        left = _where_told(settled.systems[i], misses(problem, structure, i, theta, path, beside[i]))
-        return cost(problem, i, left, settled.power, settled.systems[i])
+    Theta and all trajectories go by the same share of the step, a trajectory that fares worse by less."""
+    active, (moved, beside) = structure.model.active_states, by
 
-    aims = problem.for_runs(lambda i: costs(i, point.theta, point.paths[i]))
+    def costs(i: int, left: Misses) -> float:
+        return cost(problem, i, _where_told(settled.systems[i], left), settled.power, settled.systems[i])
 
-    def path(i: int, theta: np.ndarray, most: float) -> tuple[float, np.ndarray]:
-        best = costs(i, theta, point.paths[i]), point.paths[i]
-        for share in most * 0.5 ** np.arange(HALVINGS):
-            tried = point.paths[i].copy()
-            tried[:, active] += share * moved[i]
-            if (found := costs(i, theta, tried)) < best[0]:
-                best = found, tried
-            if found <= aims[i]:
+    aims = [costs(i, left) for i, left in enumerate(here)]
+
+    def path(i: int, theta: np.ndarray, most: float) -> tuple[float, np.ndarray, Misses]:
+        tried = []
+        for share in (*(most * 0.5 ** np.arange(HALVINGS)), 0.0):
+            there = point.paths[i].copy()
+            there[:, active] += share * moved[i]
+            left = misses(problem, structure, i, theta, there, beside[i])
+            tried.append((costs(i, left), there, left))
+            if tried[-1][0] <= aims[i]:
                 break
-        return best
+        return min(tried, key=lambda t: t[0])
 
     for share in 0.5 ** np.arange(HALVINGS):
         theta = point.theta + share * settled.evidence.step
         found = problem.for_runs(lambda i, theta=theta, share=share: path(i, theta, share))
         if sum(f[0] for f in found) <= sum(aims):
             break
-    return replace(point, theta=theta, paths=tuple(f[1] for f in found))
+    return replace(point, theta=theta, paths=tuple(f[1] for f in found)), [f[2] for f in found]
