@@ -42,10 +42,11 @@ def last_screening(task: Task, state: State) -> Screening:
 
 
 def subsets(task: Task, state: State, base: Fit) -> dict[tuple[str, ...], Fit]:
-    """The fit of every subset of what was added, from none to all."""
+    """The fit of every subset of what was added, from none to all; after a search that was stopped only of those on its
+    way."""
     found = {(): base, state.added: state.fit}
     for size in range(1, len(state.added)):
-        for kept in combinations(state.added, size):
+        for kept in [state.added[:size]] if state.stopped else combinations(state.added, size):
             found[kept] = _with_some(task.problem, state.fit, base, [n for n in state.added if n not in kept])
     return found
 

@@ -81,7 +81,9 @@ def diagnosis_of(
     steps = tuple(errors.step_of(problem, fits[p], sigma, p) for p in path)
     where = {p[-1]: errors.where_won(problem, fits[p[:-1]], fits[p], sigma) for p in path[1:]}
     experiment, proposal = None, None
-    if state.twins or verdict == "unknown_effect":
+    if state.stopped:
+        notes.append("what follows a search was left out: laws, the next experiment, and sets of effects not on its way")
+    elif state.twins or verdict == "unknown_effect":
         task.tell("which run would settle what is open")
         experiment, proposal = propose(
             problem, task.workers.map, f, state.rival_fits, state.twins, unknown, undetermined
@@ -95,7 +97,7 @@ def diagnosis_of(
     notes += support.leftover(problem, f, state.far)
     tests, p_value = answer.tests_of(screening)
     held = [f.structure.free[k] for k in f.structure.held]
-    laws = propose_laws(task, state, unknown, sigma)
+    laws = None if state.stopped else propose_laws(task, state, unknown, sigma)
     notes += support.held(f)
     if verdict != "unknown_effect":
         notes += support.predicted(steps, any(x.kind == SHAKEN for x in found))
