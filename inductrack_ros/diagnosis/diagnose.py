@@ -82,7 +82,7 @@ def diagnosis_of(
     where = {p[-1]: errors.where_won(problem, fits[p[:-1]], fits[p], sigma) for p in path[1:]}
     experiment, proposal = None, None
     if state.stopped:
-        notes.append("what follows a search was left out: laws, the next experiment, and sets of effects not on its way")
+        notes.append("what follows a search was left out: laws, the next experiment, sets of effects not on its way")
     elif state.twins or verdict == "unknown_effect":
         task.tell("which run would settle what is open")
         experiment, proposal = propose(
