@@ -272,6 +272,8 @@ def dithered(problem: Problem, f: Fit) -> Fit:
 def timed(problem: Problem, f: Fit) -> Fit:
     """A fit with the times of its coloured noise and the frequency of its hum where the deviance is least, by
     parabolas."""
+    if f.lost:
+        return f
     plain = linearise_all(problem, f)
     processes = f.processes
     longest = problem.length

@@ -275,7 +275,7 @@ def taken_exactly(task: Task, state: State) -> State:
 def smoothed_anew(task: Task, state: State) -> State:
     """The state with the tables of its stand-ins as smooth as the data now say, where that pays: at first order they
     were told by a poorer fit."""
-    for name in state.fit.structure.tables:
+    for name in () if state.fit.lost else state.fit.structure.tables:
         f = state.fit
         table = table_of(task.problem, f, linearise_all(task.problem, f), name)
         structure = replace(f.structure, smoothness={**f.structure.smoothness, name: table.smoothness})
@@ -337,6 +337,8 @@ def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
     """
     task.say(f"what could stand in the place of {name}")
     smaller = without(task, state, name, ANEW)
+    if smaller.fit.lost:
+        return state, []
     screening = screened(task, smaller)
     singles = [s for s in screening.sets if len(s.members) == 1]
     own = [s for s in singles if s.members[0].name != name or s.members[0].start]

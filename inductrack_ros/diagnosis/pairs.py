@@ -75,6 +75,8 @@ def add_pair(task: Task, state: State) -> State:
     if name and Factor.of(state.fit.model.effects[name]):
         return state
     plain = without(task, state, name, ANEW) if name else state
+    if plain.fit.lost:
+        return state
     systems = linearise_all(task.problem, plain.fit)
     lacking = [name.removeprefix("stand_in_")] if name else shaken(task, plain, systems)
     tried = [t for on in lacking for t in _tried(task, plain, systems, on)]

@@ -69,7 +69,8 @@ def weigh(
     g = len(theta)
     A, b = structure.precision.copy(), structure.precision @ (structure.centre - theta)
     whitened = [f.scored(system) for f, system in zip(filtered, systems, strict=True)]
-    if not all(np.isfinite(w).all() for w in whitened):
+    led = all(np.isfinite(system.inputs[:-1]).all() for system in systems)
+    if not led or not all(np.isfinite(w).all() for w in whitened):
         raise Lost
     tallies = [tally(problem, i, f, system) for i, (f, system) in enumerate(zip(filtered, systems, strict=True))]
     for w in whitened:

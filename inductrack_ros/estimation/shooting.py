@@ -77,6 +77,11 @@ class Fit:
         return self.structure.with_theta(self.theta)
 
     @property
+    def lost(self) -> bool:
+        """Whether its runs lead beyond all numbers: it explains nothing, and nothing can be asked beside it."""
+        return not np.isfinite(self.deviance)
+
+    @property
     def states(self) -> list[np.ndarray]:
         """Initial state (8,) of each run."""
         return [path[0, :8] for path in self.paths]
@@ -337,7 +342,7 @@ def _went(
             tried.append((costs(i, left), there, left))
             if tried[-1][0] <= aims[i]:
                 break
-        return min(tried, key=lambda t: t[0])
+        return min(reversed(tried), key=lambda t: t[0])  # where all are beyond numbers it stays
 
     for share in 0.5 ** np.arange(HALVINGS):
         theta = point.theta + share * settled.evidence.step
