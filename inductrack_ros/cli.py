@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .core.errors import InputError
+from .core.memory import room_to_begin, too_little
 from .core.output_folder import output_folder
 from .progress import progress, say_findings, say_notes
 from .terminal import speak_to_any_terminal
@@ -52,6 +53,7 @@ def _run(arguments: argparse.Namespace, who: str) -> int:
     """The exit status of a command; one line to standard error where it is not 0."""
     try:
         _stand_somewhere()
+        room_to_begin()
         arguments.command.run(arguments)
         sys.stdout.flush()
     except InputError as error:
@@ -63,6 +65,9 @@ def _run(arguments: argparse.Namespace, who: str) -> int:
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         print(f"{who}: {place}{error.strerror or error}", file=sys.stderr)
+        return 2
+    except MemoryError as error:
+        print(f"{who}: {too_little(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as error:  # with what was kept, where anything was
         print(f"{who}: interrupted; {str(error) or 'nothing was written'}", file=sys.stderr)

@@ -30,10 +30,11 @@ def ros_to_paper(vectors: ArrayLike) -> Array:
 
 
 def roll_to_quaternion(roll: ArrayLike) -> Array:
-    """Quaternions (..., 4) of a roll (...) in rad about ROS x."""
+    """Quaternions (..., 4) of a roll (...) in rad about ROS x; NaN where the roll is no number or infinite."""
     half = 0.5 * np.asarray(roll, float)
     zero = np.zeros_like(half)
-    return np.stack([np.sin(half), zero, zero, np.cos(half)], axis=-1)
+    with np.errstate(invalid="ignore"):
+        return np.stack([np.sin(half), zero, zero, np.cos(half)], axis=-1)
 
 
 def quaternion_to_roll(quaternion: ArrayLike) -> Array:

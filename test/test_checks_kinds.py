@@ -394,3 +394,89 @@ def test_the_page_shows_jumps_and_two_courses(pose, model):
         (moved, "Heave of b: heave jumps by"),
     ):
         assert words in html.unescape(check_report(check(campaign, model)))
+
+
+# ---------------------------------------------------------------- some runs only, and the current
+
+
+@pytest.mark.parametrize(
+    ("channel", "change", "kind", "words"),
+    [
+        ("roll_rate", lambda y: 180 / np.pi * y, "unit", "in degrees/s"),
+        ("surge_rate", lambda y: 3.6 * y, "unit", "in km/h"),
+        ("heave_acceleration", lambda y: y / 9.81, "unit", "in g"),
+        ("sway_rate", lambda y: -y, "sign", "runs against sway"),
+    ],
+)
+def test_a_rate_that_is_written_otherwise_in_one_run_is_named(channel, change, kind, words, everything, model):
+    """All runs together hide it: their increments have little in common."""
+    found = [f for f in impossible(look(changed(everything, channel, change, "b"), model)) if f.channel == channel]
+    assert [f.kind for f in found] == [kind] and found[0].text.startswith("in b alone of 3 runs")
+    assert words in found[0].line and found[0].size["runs"] == ["b"]
+
+
+def currents(campaign, *factors):
+    """The campaign with the drive current of each run multiplied."""
+    runs = zip(campaign.runs, factors, strict=True)
+    return replace(campaign, runs=tuple(replace(run, drive_current=f * run.drive_current) for run, f in runs))
+
+
+@pytest.mark.parametrize(
+    ("factors", "severity", "words"),
+    [
+        ((-1, -1, -1), IMPOSSIBLE, "acts against"),
+        ((1, -1, 1), IMPOSSIBLE, "in b alone of 3 runs drive_current (-5000 A) acts against"),
+        ((10, 10, 10), IMPOSSIBLE, "times what accelerates the cradle"),
+        ((1, 1, 0.1), IMPOSSIBLE, "in c alone of 3 runs drive_current (360 A) is"),
+        ((2, 2, 2), WARNING, "drive_current (14000, 10000 and 7200 A) is 2"),
+        ((1, 2**0.5, 1), WARNING, "effective value"),
+        ((1, 0, 1), WARNING, "accelerated as by"),
+    ],
+)
+def test_a_current_that_does_not_accelerate_as_measured_is_named(factors, severity, words, pose, model):
+    (found,) = look(currents(pose, *factors), model)
+    assert (found.channel, found.severity) == ("drive_current", severity) and words in found.line
+
+
+def test_runs_that_have_each_others_current_are_named(pose, model):
+    found = look(currents(pose, 3600 / 7000, 1, 7000 / 3600), model)
+    assert [(f.kind, f.channel, f.run) for f in found] == [("unlike", "drive_current", run) for run in "ac"]
+
+
+def test_a_noise_of_one_run_that_is_in_another_unit_is_named(pose, model):
+    """Too short a travel for the model's forces to tell: kilometres are said by the noise alone."""
+    found = impossible(look(changed(pose, "surge", lambda y: 1e-3 * y, "b"), model))
+    assert [(f.kind, f.channel, f.run) for f in found] == [("noise_differs", "surge", "b")]
+    assert "in mm in all runs but b" in found[0].remedy
+
+
+def test_channels_that_changed_places_in_one_run_are_told_by_their_noise(pose, model):
+    runs = []
+    for run in pose.runs:
+        order = [0, 1, 3, 2] if run.name == "b" else [0, 1, 2, 3]
+        runs.append(replace(run, values=run.values[:, order]))
+    found = impossible(look(replace(pose, runs=tuple(runs)), model))
+    assert [(f.kind, f.run, f.size["candidates"]) for f in found] == [("axis_flipped", "b", ["heave", "roll"])]
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("tenths of a second", 10.0), ("hundredths of a second", 100.0)])
+def test_a_clock_that_counts_parts_of_a_second_is_named(unit, factor, pose, model):
+    runs = tuple(replace(r, times=factor * r.times, stamps=factor * r.stamps) for r in pose.runs)
+    (found,) = impossible(look(replace(pose, runs=runs), model))
+    assert found.kind == "time_unit" and unit in found.text and f"divide it by {factor:g}" in found.remedy
+
+
+@pytest.mark.parametrize("odd", [(), (70,)])
+def test_a_channel_that_stands_still_where_its_noise_would_show_is_dead(odd, pose, model):
+    """Also with a blip, and where the model holds the coordinate it does no harm."""
+
+    def still(y):
+        y[:] = y[0]
+        y[list(odd)] += 1e-4
+        return y
+
+    campaign = changed(pose, "sway", still)
+    (found,) = impossible(look(campaign, model))
+    assert (found.kind, found.channel) == ("constant", "sway") and "would show" in found.text
+    held = model.with_changes(dof=2)
+    assert ("constant", "sway") not in {(f.kind, f.channel) for f in impossible(look(campaign, held))}

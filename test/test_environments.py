@@ -180,3 +180,28 @@ def test_one_run_in_place_of_a_campaign_says_what_to_write(tmp_path, capsys):
     assert (
         f"is one run; write a campaign.yaml beside it, `runs: [{{file: {file.name}, drive_current: 7000.0}}]`" in said
     )
+
+
+@pytest.mark.parametrize("option", ["-v", "-d"])
+@pytest.mark.parametrize("program", ["cli", "nodes.start"])
+def test_a_shell_that_allows_too_little_memory_is_told(tmp_path, option, program):
+    """With 400 MB of address space a library would wait for ever."""
+    words = {"cli": ["check", "rig", "--output", "out"], "nodes.start": ["sim"]}[program]
+    limited = f'ulimit {option} 400000 && exec "$@"'
+    done = subprocess.run(
+        ["bash", "-c", limited, "bash", sys.executable, "-m", f"inductrack_ros.{program}", *words],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1 and "391 MB" in done.stderr and f"ulimit {option} unlimited" in done.stderr
+
+
+def test_memory_that_runs_out_on_the_way_is_one_line(tmp_path, monkeypatch, capsys):
+    def reads_too_much(folder):
+        raise MemoryError("Unable to allocate 8.00 TiB for an array")
+
+    monkeypatch.setattr("inductrack_ros.data.load_campaign", reads_too_much)
+    assert cli.main(["check", str(tmp_path), "--output", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("inductrack check: out of memory (Unable to allocate 8.00 TiB") and said.count("\n") == 1
+    assert not (tmp_path / "out").exists()

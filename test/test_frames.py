@@ -71,6 +71,12 @@ def test_a_zero_quaternion_has_no_roll():
     assert np.isnan(frames.quaternion_to_roll([0, 0, 0, 0]))
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("roll", [np.inf, -np.inf, np.nan])
+def test_a_roll_that_is_no_number_has_no_quaternion_and_no_warning(roll):
+    assert np.isnan(frames.roll_to_quaternion(roll)[[0, 3]]).all()
+
+
 @settings(deadline=None)
 @given(fours)
 def test_rates_and_wrenches_come_back(values):

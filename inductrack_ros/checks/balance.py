@@ -168,6 +168,22 @@ def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float
     return found
 
 
+def needed_current(windows: Windows, model: Model) -> float | None:
+    """What the drive current must be multiplied by so that surge changes its speed as measured; None where the windows
+    do not show it."""
+    motion = _motion(windows, model, Reading())
+    if "surge" not in motion.coordinates:
+        return None
+    should = [
+        _change(motion.times, _evaluate(windows, model, Reading(current=k), motion)["surge_acceleration"])
+        for k in (0.0, 1.0)
+    ]
+    rows = (windows.current != 0.0) & (should[1] != should[0])
+    if rows.sum() < FEWEST:
+        return None
+    return float(np.median(((motion.change("surge") - should[0]) / (should[1] - should[0]))[rows])) or None
+
+
 def _off(
     c: str, windows: Windows, model: Model, reading: Reading, motion: _Motion, places: Mapping[str, Array], rows: Array
 ) -> float | None:

@@ -77,6 +77,8 @@ SATURATED, FLAT = 0.02, 8
 PILED_UP = 5
 #: A channel hangs where it repeats one value for this part of a run while the rest of the channel moves.
 STUCK = 0.1
+#: A channel that leaves its value in a smaller part of its samples, at either side, stands still.
+RARE = 0.01
 #: The readings' step matters from this part of the noise on.
 STEP_MATTERS = 1.0
 

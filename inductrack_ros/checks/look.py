@@ -20,6 +20,7 @@ from .interleaved import interleaved
 from .jitter import jitter
 from .jumps import jumps, wraps
 from .noise import noises
+from .noise_apart import noises_apart
 from .noise_found import Channel, channels_of
 from .outliers import fillers, outliers
 from .pairs import pairs
@@ -61,7 +62,7 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     found += (flat := sensors(campaign, calm, channels, model))
     campaign, calm = set_aside(campaign, flat), set_aside(calm, flat)
     found += too_few(campaign, model)
-    found += noises(calm, channels) + jitter(campaign, channels)
+    found += noises(calm, channels) + noises_apart(calm) + jitter(campaign, channels)
     found += stated(campaign, channels, model) + pairs(campaign, calm, channels) + excitation(campaign, channels)
     if model is not None and not any(
         f.kind in ("clock_jump", "hole", "time_unit", "value_jump", "batches") for f in impossible(found)
@@ -143,6 +144,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     flipped = {c for f in findings if f.kind == "axis_flipped" for c in f.size.get("candidates", ())}
     time = any(f.kind == "time_unit" for f in findings)
     jumped = {f.channel for f in findings if f.kind == "value_jump"}
+    apart = {f.channel for f in impossible(findings) if "runs" in f.size}
     late = any(f.kind == "time_jitter" for f in findings)
     kept = []
     for f in findings:
@@ -150,7 +152,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
         explained = (
             (
                 f.kind == "noise_differs"
-                and (f.channel in units or (late and f.channel == "surge" and f.size["ratio"] > 1))
+                and (f.channel in units | apart or (late and f.channel == "surge" and f.size["ratio"] > 1))
             )
             or (f.kind == "unit" and "slope" in f.size and (time or whole in units or f.channel in units))
             or (f.kind == "sign" and whole in flipped)

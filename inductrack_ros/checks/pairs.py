@@ -7,6 +7,7 @@ noise is not blown up."""
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy import signal
@@ -15,6 +16,7 @@ from ..core.state import ACCELERATIONS, COORDINATES, RATES, UNITS
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
+from .apart import of_some
 from .finding import IMPOSSIBLE, WARNING, Finding, number
 from .noise import meant
 from .noise_found import Channel
@@ -36,8 +38,23 @@ FAR, SHIFTED, UNSHIFTED = 10, 0.95, 0.7
 
 
 def pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Findings about rates and accelerations that are not the derivative of their coordinate; of impacts, which are not
-    in ``calm``, an accelerometer's samples see too little."""
+    """Findings about rates and accelerations that are not the derivative of their coordinate, in all runs or in some;
+    of impacts, which are not in ``calm``, an accelerometer's samples see too little."""
+    calm_runs = {run.name: run for run in calm.runs}
+
+    def alone(one: Campaign) -> list[Finding]:
+        return _pairs(one, replace(one, runs=tuple(calm_runs[run.name] for run in one.runs)), channels)
+
+    return of_some(
+        campaign,
+        _pairs(campaign, calm, channels),
+        alone,
+        telling=lambda f: f.severity == IMPOSSIBLE or f.kind == "unit",
+    )
+
+
+def _pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Findings that runs share."""
     findings: list[Finding] = []
     for k, coordinate in enumerate(COORDINATES):
         rate, acceleration = RATES[k], ACCELERATIONS[k]

@@ -13,8 +13,10 @@ from ..core.model import Model
 from ..core.state import COORDINATES, GAPS
 from ..data import Campaign
 from . import levels
+from .apart import of_some
 from .balance import WINDOWS, Reading, Windows, bad, misfits, stops, total, windows_of
-from .finding import IMPOSSIBLE, WARNING, Finding, impossible, number, of_a_bag, shared
+from .current import drive
+from .finding import IMPOSSIBLE, WARNING, Finding, number, of_a_bag, shared
 from .noise_found import READINGS, Channel
 
 #: One thing wrong after the other is looked for, so many at most.
@@ -33,38 +35,27 @@ _LENGTH = ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches"), (0.3048, "feet"))
 _ANGLE = ((np.pi / 180.0, "degrees"), (1e-3, "mrad"))
 #: Looked for where none of the others fits.
 _SMALL = ((2.54e-5, "thousandths of an inch"), (1e-6, "µm"))
-_TIMES = ((1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"), (60.0, "min"), (3600.0, "h"), (86400.0, "days"))
+_TIMES = (
+    *((1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"), (60.0, "min"), (3600.0, "h"), (86400.0, "days")),
+    *((0.1, "tenths of a second"), (0.01, "hundredths of a second")),
+)
 _CURRENTS = ((1e3, "kA"), (1e-3, "mA"))
 
 
 def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) -> list[Finding]:
     """Findings about units, signs and clocks that the model's own motion gives away: of all runs, or of some where the
     others are read rightly."""
-    together = _read(campaign, channels, model)
-    if len(campaign.runs) == 1:
-        return together
-    apart = {
-        run.name: _read(
-            replace(campaign, runs=(run,)), channels, model, max(FEWEST_APART, WINDOWS // len(campaign.runs))
-        )
-        for run in campaign.runs
-    }
-    odd = {name: found for name, found in apart.items() if impossible(found)}
-    if not odd or len(odd) == len(apart):
-        return together
-    return _of_some(campaign, odd) if together == [] or impossible(together) else together
+    most = max(FEWEST_APART, WINDOWS // len(campaign.runs))
+
+    def alone(one: Campaign) -> list[Finding]:
+        return _read(one, channels, model, most)
+
+    return of_some(campaign, _read(campaign, channels, model), alone, telling=_counts)
 
 
-def _of_some(campaign: Campaign, odd: Mapping[str, list[Finding]]) -> list[Finding]:
-    """The findings of some runs, alike ones in one, each with the names of its runs."""
-    kinds = dict.fromkeys((f.kind, f.channel) for found in odd.values() for f in impossible(found))
-    result = []
-    for kind in kinds:
-        mine = {name: f for name, found in odd.items() for f in found if (f.kind, f.channel) == kind}
-        name, first = next(iter(mine.items()))
-        text = f"in {shared(mine)} alone of {len(campaign.runs)} runs {first.text}"
-        result.append(replace(first, text=text, run=name, size={**first.size, "runs": list(mine)}))
-    return result
+def _counts(finding: Finding) -> bool:
+    """Whether a finding of one run alone counts."""
+    return finding.severity == IMPOSSIBLE or finding.kind == "unlike"
 
 
 def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int = WINDOWS) -> list[Finding]:
@@ -90,7 +81,7 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
         alike = [name for name, _, f in tried if total(f, among) < total(then, among) + TWINS]
         found.append(_finding(campaign, alike, _factor(now, reading), {"off": left, "then": then}))
         now, left = reading, then
-    return found if found else _unlike(left)
+    return found if found else drive(campaign, windows, model, left) or _unlike(left)
 
 
 def _unlike(left: Mapping[str, float]) -> list[Finding]:
@@ -336,7 +327,8 @@ def _finding(campaign: Campaign, names: list[str], factor: float, size: Mapping[
     if what == "time":
         step = float(np.median(np.diff(campaign.runs[0].times)))
         text = f"time is in {unit}: with a sample every {number(step)} s nothing would fly as it does"
-        remedy = f"time is in seconds; name its column 'time [{unit}]', or divide it by {1 / factor:g}"
+        named = "" if " " in unit else f"name its column 'time [{unit}]', or "
+        remedy = f"time is in seconds; {named}divide it by {1 / factor:g}"
         return Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": 1 / factor})
     if what == "drive_current":
         stated = shared([f"{run.drive_current:g}" for run in campaign.runs])

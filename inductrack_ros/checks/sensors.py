@@ -22,7 +22,8 @@ def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel],
     the track."""
     findings: list[Finding] = []
     for channel, about in channels.items():
-        if dead := _constant(campaign, channel, about, _beside(channel, campaign, channels, model)):
+        moves = model is None or _moves(channel, model)
+        if dead := _constant(campaign, channel, about, _beside(channel, campaign, channels, model), moves):
             findings += dead
         else:
             findings += _flat(calm, channel, about) or _clipped(campaign, channel, about)
@@ -84,35 +85,46 @@ def _beside(channel: str, campaign: Campaign, channels: Mapping[str, Channel], m
     return "the drive pushes" if channel == "surge" and driven else ""
 
 
-def _constant(campaign: Campaign, channel: str, about: Channel, beside: str) -> list[Finding]:
-    """A channel that never changes, in all runs or in some; ``beside`` says why it is not at rest, if it is not."""
+def _moves(channel: str, model: Model) -> bool:
+    """Whether the model lets a channel move; a rate does where its coordinate does."""
+    coordinate = channel.removesuffix("_rate").removesuffix("_acceleration")
+    return coordinate not in COORDINATES or bool(model.moving[COORDINATES.index(coordinate)])
+
+
+def _nearly_all(values: Array) -> Array:
+    """The ends of what all but a hundredth of the samples lie between, at either side."""
+    return np.quantile(values[:: max(len(values) // READINGS, 1)], [levels.RARE, 1.0 - levels.RARE], method="nearest")
+
+
+def _dead(campaign: Campaign, channel: str, runs: list[Run], beside: str, moves: bool) -> Finding:
+    """A channel that stands still in all runs though its noise, where one is stated, would move it."""
+    values = np.concatenate([run.samples(channel)[1] for run in runs])
+    value, others = float(np.median(runs[0].samples(channel)[1])) + 0.0, 0
+    for run in runs:
+        others += int((run.samples(channel)[1] != np.median(run.samples(channel)[1])).sum())
+    samples = f"all but {others} of its {len(values)} samples" if others else "every sample"
+    while_ = f" while {beside}" if beside else ""
+    stated = campaign.noise_std.get(channel)
+    if stated and moves and not beside:
+        while_ = f", where the noise_std stated, {quantity(channel, stated)}, would show"
+    text = f"{channel} is {number(value)} in {samples}{while_}: the sensor is dead or the column wrong"
+    rest = "" if beside else f"; if it is truly at rest, {channel} is no coordinate that moves: leave it out of dof too"
+    # Where the model holds it still, a channel with a noise that is stated does no harm.
+    severity = IMPOSSIBLE if moves or not stated else WARNING
+    return Finding("constant", severity, text, f"leave the channel out{rest}", channel, size={"value": value})
+
+
+def _constant(campaign: Campaign, channel: str, about: Channel, beside: str, moves: bool) -> list[Finding]:
+    """A channel that never changes, in all runs or in some; ``beside`` says why it is not at rest, if it is not, and
+    ``moves`` whether the model lets it."""
     runs = [run for run in campaign.runs if channel in run.channels and len(run.samples(channel)[1]) > 2]
+    if runs and all(np.ptp(_nearly_all(run.samples(channel)[1])) == 0.0 for run in runs):
+        return [_dead(campaign, channel, runs, beside, moves)]
     still = [run for run in runs if np.ptp(run.samples(channel)[1]) == 0.0]
     if not still:
         return []
     value = float(still[0].samples(channel)[1][0]) + 0.0
     reason = "the sensor is dead or the column wrong"
-    if len(still) == len(runs):
-        stated = channel in campaign.noise_std
-        while_ = f" while {beside}" if beside else ""
-        text = f"{channel} is {number(value)} in every sample{while_}: {reason}"
-        remedy = (
-            "leave the channel out"
-            if stated or beside
-            else f"leave the channel out, or give noise_std: {{{channel}: …}} in campaign.yaml if it is truly at rest"
-        )
-        # With a noise that is stated a channel at rest can be held against the model; what its noise is nobody can tell
-        # from it.
-        return [
-            Finding(
-                "constant",
-                WARNING if stated and not beside else IMPOSSIBLE,
-                text,
-                remedy,
-                channel,
-                size={"value": value},
-            )
-        ]
     size = {"value": value, "runs": len(still)}
     text = (
         f"{channel} is {number(value)} in every sample of {shared([r.name for r in still])} while it moves in other"

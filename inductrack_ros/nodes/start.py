@@ -10,6 +10,8 @@ import sys
 import traceback
 from importlib import import_module
 
+from ..core.errors import InputError
+from ..core.memory import room_to_begin, too_little
 from ..terminal import speak_to_any_terminal
 from .ending import STOP, leave
 
@@ -19,7 +21,12 @@ def _run(module: str) -> None:
     STOP.listen()
     speak_to_any_terminal()
     try:
+        room_to_begin()
         status = _main(module)
+    except (InputError, MemoryError) as error:
+        said = too_little(error) if isinstance(error, MemoryError) else error
+        print(f"error: {said}", file=sys.stderr)
+        status = 2
     except SystemExit as error:  # of the options' parser, which has said why
         status = error.code if isinstance(error.code, int) else int(error.code is not None)
     except BaseException:
