@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def drive(campaign: Campaign, windows: Windows, model: Model, left: Mapping[str,
     return [_finding(f"drive_current ({shared([f'{run.drive_current:g}' for run in campaign.runs])} A)", size)]
 
 
-def _finding(stated: str, size: Mapping[str, float]) -> Finding:
+def _finding(stated: str, size: Mapping[str, Any]) -> Finding:
     """What is said of the ``factor`` that the current lacks: more than any effect makes of it cannot be so."""
     factor = size["factor"]
     if factor < 0.0:
