@@ -204,6 +204,13 @@ def test_a_short_clean_run_does_not_hum(model):
     assert not [f.line for f in look(short, model) if f.kind == "hum"]
 
 
+def test_a_cradle_that_swings_does_not_hum(model):
+    """Its own oscillation in heave, at some 7 Hz, is as sharp a line as a hum."""
+    swings = [(7000.0, {"surge_rate": v, "heave": -4.6e-3}) for v in (16.0, 18.0, 20.0, 22.0)]
+    slow = flown(swings, ("surge", "gap_top", "heave_acceleration"), count=300, step=8e-3, seed=3)
+    assert not [f.line for f in look(slow, model) if f.kind == "hum"]
+
+
 # ---------------------------------------------------------------- of two sources, counted, filled in
 
 

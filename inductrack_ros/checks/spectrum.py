@@ -21,8 +21,8 @@ from .noise_found import Channel
 #: fewest for an answer.
 LENGTHS, MOST, FEWEST = (256, 128, 64), 200, 8
 #: Frequencies from this part of the sampling rate up are looked at: for a hum, and for colour, which motion must not
-#: imitate. A cradle's motion has died away above so many Hz; what impacts leave of it above the second imitates no
-#: colour.
+#: imitate. A cradle's motion has died away above so many Hz, and its own oscillation is no hum; what impacts leave of it
+#: above the second imitates no colour. A slower hum shows in what a fit leaves.
 LOWEST, NO_MOTION, QUIET, SILENT = 0.04, 0.15, 20.0, 32.0
 #: Five neighbours whose span is at most so many times the usual one (no more than one sample lost) give a deviation; a
 #: stretch has such for this part of its samples.
@@ -167,7 +167,8 @@ def _line(frequency: Array, power: Array, gains: Array, count: int) -> tuple[flo
     """Frequency (Hz) of the strongest line in an otherwise flat spectrum and its amplitude over the noise; None where
     chance gives as much."""
     flat = np.median(power)
-    peak = int(np.argmax(power[WIDTH:-WIDTH])) + WIDTH if len(power) > 4 * WIDTH else 0
+    sought = np.where(frequency > QUIET, power, 0.0)[WIDTH:-WIDTH]  # below, a cradle's own oscillation is a line too
+    peak = int(np.argmax(sought)) + WIDTH if len(power) > 4 * WIDTH else 0
     near = slice(peak - WIDTH, peak + WIDTH + 1)
     # The power of noise is exponential; of a median of so many, the share that is below it is a beta variable.
     middle = (count + 1) / 2.0
