@@ -175,7 +175,7 @@ def test_a_channel_without_noise_asks_for_it(tmp_path):
     folder.mkdir()
     write_csv(folder / "a.csv", np.arange(0, 1, 0.01), {"surge": np.arange(0, 10, 0.1), "heave": np.zeros(100)})
     (folder / "campaign.yaml").write_text("runs: [{file: a.csv, drive_current: 0}]\nnoise_std: {surge: 1.0e-3}\n")
-    with pytest.raises(InputError, match=r"heave is 0 in every sample: the sensor is dead or the column wrong; leave the channel out"):
+    with pytest.raises(InputError, match=r"heave is 0 in every sample: the sensor is dead .*; leave the channel out"):
         compare(load_campaign(folder), Model.default())
 
 

@@ -21,8 +21,8 @@ from .noise_found import Channel
 #: fewest for an answer.
 LENGTHS, MOST, FEWEST = (256, 128, 64), 200, 8
 #: Frequencies from this part of the sampling rate up are looked at: for a hum, and for colour, which motion must not
-#: imitate. A cradle's motion has died away above so many Hz, and its own oscillation is no hum; what impacts leave of it
-#: above the second imitates no colour. A slower hum shows in what a fit leaves.
+#: imitate. A cradle's motion has died away above so many Hz, and its own oscillation is no hum; what impacts leave of
+#: it above the second imitates no colour. A slower hum shows in what a fit leaves.
 LOWEST, NO_MOTION, QUIET, SILENT = 0.04, 0.15, 20.0, 32.0
 #: Five neighbours whose span is at most so many times the usual one (no more than one sample lost) give a deviation; a
 #: stretch has such for this part of its samples.
