@@ -30,6 +30,7 @@ def test_blind(seed, kind):
     assert row["error"] < 1.5
 
 
+@pytest.mark.long
 def test_sway_and_roll_that_nothing_measures():
     """Only surge and heave are logged: the fit must find the sway and roll that show in them, or it blames an
     effect."""
