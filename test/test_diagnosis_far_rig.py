@@ -117,3 +117,13 @@ def test_where_more_is_missing_than_may_be_added_the_lead_is_named(tmp_path, mon
     found = strategy.search(Task(problem, ("heave",)), State(base))
     assert found.added == ("heave_damping",) and found.far and found.verdict == "unknown_effect"
     assert found.log[0] == "more would pay" and "open-loop" in found.log[1]
+
+
+def test_a_ctrl_c_while_a_lead_is_sought_ends_the_search(monkeypatch):
+    def interrupted(task, state):
+        raise KeyboardInterrupt
+
+    filled = lambda task, state: replace(state, far=True)  # noqa: E731
+    monkeypatch.setattr(strategy, "ADDING", (("known effects", filled),))
+    monkeypatch.setattr(strategy, "best_lead", interrupted)
+    assert strategy.search(Task(None), State(None)).stopped == "interrupted"

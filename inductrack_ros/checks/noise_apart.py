@@ -40,8 +40,8 @@ def _exchanged(one: str, other: str, apart: Mapping[str, Mapping[str, float]]) -
         if len(others) < 2:
             continue
         usual = np.median(others, axis=0)
-        apart_ = abs(np.log(usual[0] / usual[1]))
-        if apart_ < np.log(CLEARLY) or np.abs(np.log(np.array(pair) / usual[::-1])).max() > np.log(levels.NEAR):
+        alike = abs(np.log(usual[0] / usual[1])) < np.log(CLEARLY)
+        if alike or np.abs(np.log(np.array(pair) / usual[::-1])).max() > np.log(levels.NEAR):
             continue
         text = f"{one} and {other} seem to be swapped in {run}: each has there the noise that the other has elsewhere"
         size = {"candidates": [one, other]}

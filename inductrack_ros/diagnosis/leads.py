@@ -25,21 +25,20 @@ def best_lead(task: Task, state: State) -> State | None:
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
     error, _ = _flown(task, state.fit.structure, state.fit.point)
     tried = [(one, *_with(task, state, one)) for one in screening.singles]
-    best, left, structure, theta = min(tried, key=lambda t: t[1])
+    best, left, structure, point = min(tried, key=lambda t: t[1])
     if not left < LEAD * error:
         return None
-    _, point = with_effects(task.problem, state.fit, best)
-    new = fit(task.problem, structure, replace(point, theta=theta), REFIT_STEPS)
+    new = fit(task.problem, structure, point, REFIT_STEPS)
     line = f"{best.members[0].name}: open-loop χ² per sample {error:.3g} -> {left:.3g}"
     return grown(state, best, screening.family, new).told(line)
 
 
-def _with(task: Task, state: State, one: CandidateSet) -> tuple[float, Structure, np.ndarray]:
-    """What an effect leaves of the open-loop error (χ² a sample), and the structure and theta with which it does."""
+def _with(task: Task, state: State, one: CandidateSet) -> tuple[float, Structure, Point]:
+    """What an effect leaves of the open-loop error (χ² a sample), and the structure and point with which it does."""
     task.say(f"{one.members[0].name}, flown from the start")
     structure, point = with_effects(task.problem, state.fit, one)
     left, theta = _flown(task, structure, point)
-    return left, structure, theta
+    return left, structure, replace(point, theta=theta)
 
 
 def _flown(task: Task, structure: Structure, point: Point) -> tuple[float, np.ndarray]:

@@ -166,10 +166,10 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
     for s in sets if state.fit.exact or touches(state.fit) else ():
         task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
         structure, point = with_effects(task.problem, state.fit, s)
-        if hardest is not None and fitted_end_to_end(task, structure, point, (hardest,)).chi2 > _most_left(
-            task, hardest
-        ):
-            continue
+        if hardest is not None:
+            alone = fitted_end_to_end(task, structure, point, (hardest,))
+            if alone.chi2 > _most_left(task, hardest):
+                continue
         whole = fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
         if not whole.leaves_noise:
             over = [end_to_end.chi_square([part.residual]) - len(part.residual) for part in whole.linear]

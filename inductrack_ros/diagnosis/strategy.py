@@ -50,7 +50,7 @@ def search(task: Task, state: State) -> State:
     start, revised = state, list[set[str]]()
     while True:
         state = _through(task, state, ADDING)
-        if state.far and not state.stopped and (led := _led(task, start, state)):
+        if state.far and not state.stopped and (led := _led(task, start, state)) is not state:
             return led
         grown = set(state.added)
         if state.stopped or revised and grown == revised[-1]:
@@ -62,16 +62,23 @@ def search(task: Task, state: State) -> State:
         revised.append(left)  # something went: what is missing beside the rest is asked anew
 
 
-def _led(task: Task, start: State, found: State) -> State | None:
+def _led(task: Task, start: State, found: State) -> State:
     """From where the search began: the one effect with which a model far from the rig predicts the runs best, in the
-    place of all that was found; None where none explains more than it leaves. The next is asked for once it is added.
-    """
+    place of all that was found; that itself where no effect explains more than it leaves. The next is asked for once
+    it is added."""
     try:
         lead = best_lead(task, start)
-        state = add_background(task, lead) if lead else None
-    except (KeyboardInterrupt, OutOfTime):
-        return None
-    return replace(state, far=True, log=(*found.log, *state.log[len(start.log) :])) if state else None
+        if lead is None:
+            return found
+        state = add_background(task, lead)
+    except (KeyboardInterrupt, OutOfTime) as stop:
+        return _broken_off(found, stop)
+    return replace(state, far=True, log=(*found.log, *state.log[len(start.log) :]))
+
+
+def _broken_off(state: State, stop: BaseException) -> State:
+    """The state, with why the search ends at it."""
+    return replace(state, stopped="interrupted" if isinstance(stop, KeyboardInterrupt) else "out of time")
 
 
 def _through(task: Task, state: State, stages: Sequence[tuple[str, Stage]]) -> State:
@@ -80,7 +87,7 @@ def _through(task: Task, state: State, stages: Sequence[tuple[str, Stage]]) -> S
         try:
             state = _repeated(task, state, name, stage)
         except (KeyboardInterrupt, OutOfTime) as stop:
-            return replace(state, stopped="interrupted" if isinstance(stop, KeyboardInterrupt) else "out of time")
+            return _broken_off(state, stop)
     return state
 
 
