@@ -37,7 +37,7 @@ def seconds(message) -> float:
 
 
 def time_of(step: Trigger.Response) -> float:
-    """Simulated time (s) after a step."""
+    """The stamp (s) of the moment after a step."""
     return float(re.search(r"[\d.]+", step.message)[0])
 
 
@@ -154,8 +154,14 @@ def test_a_diagnosed_model_runs_as_it_is_and_changes_live(ros, tmp_path):
     sim.wait_for("effects: viscous_drag, sensor_delay:heave, stand_in_heave, patch, track_temperature")
     viscous = ros.listen(WrenchStamped, "/inductrack/wrench/viscous_drag")
     twist = ros.listen(TwistStamped, "/inductrack/twist")
-    ros.wait(lambda: viscous and twist, "the effect's wrench")
-    assert viscous[-1].wrench.force.x == pytest.approx(-0.5 * twist[-1].twist.linear.x, rel=0.05)
+
+    def of_one_moment() -> list[tuple[WrenchStamped, TwistStamped]]:
+        speeds = {seconds(message): message for message in twist}
+        return [(force, speeds[seconds(force)]) for force in viscous if seconds(force) in speeds]
+
+    ros.wait(of_one_moment, "the effect's wrench and the speed at the same moment")
+    force, speed = of_one_moment()[-1]
+    assert force.wrench.force.x == pytest.approx(-0.5 * speed.twist.linear.x, rel=1e-9)
 
     assert ros.set_parameter("/inductrack/sim", "viscous_drag.coefficient", 2.0).successful
     ros.wait(lambda: viscous[-1].wrench.force.x < -1.9 * twist[-1].twist.linear.x, "the new coefficient to count")
@@ -203,7 +209,8 @@ def test_pause_step_reset_and_speed_factor(ros):
 
 
 def test_drive_pulses_fired_late_refused_and_two_simulators(ros):
-    sim = ros.start("sim", *options(drive="pulses", publish_clock="true", initial_state="'surge_rate=15.0'"))
+    given = options(drive="pulses", publish_clock="true", again="false", initial_state="'surge_rate=15.0'")
+    sim = ros.start("sim", *given)
     sim.wait_for("drive: pulses")
     poses = ros.listen(PoseStamped, "/inductrack/pose")
     thrusts = ros.listen(WrenchStamped, "/inductrack/wrench/thrust")
@@ -282,6 +289,9 @@ def test_alone_it_flies_for_as_long_as_one_watches(ros):
     assert sim.output.count("has come to rest after") == 1 and "start it faster" in sim.output
     stamps = [nanoseconds_of(m.header.stamp) for m in poses]
     assert {b - a for a, b in pairwise(stamps)} == {10_000_000}  # no way back, no hole
+    ros.call(SetBool, "/inductrack/sim/pause", data=True)
+    after = time_of(ros.call(Trigger, "/inductrack/sim/step"))
+    ros.wait(lambda: seconds(poses[-1]) == pytest.approx(after, abs=1e-6), "the pose that the step tells of")
     assert sim.stop() == 0
 
 

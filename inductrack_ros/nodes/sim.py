@@ -285,7 +285,7 @@ class SimNode(Node):
             response.success, response.message = False, "not paused: call pause with data: true first"
             return response
         response.success = self._tick()
-        response.message = f"at {self.simulation.time:.6f} s"
+        response.message = f"at {self._stamp_ns() / 1e9:.6f} s"  # as messages are stamped, also in a later run
         return response
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
