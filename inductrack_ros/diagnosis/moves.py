@@ -170,7 +170,7 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
             alone = fitted_end_to_end(task, structure, point, (hardest,))
             if alone.chi2 > _most_left(task, hardest):
                 continue
-        whole = fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
+        whole = _flown_exactly(task, structure, point)
         if not whole.leaves_noise:
             over = [end_to_end.chi_square([part.residual]) - len(part.residual) for part in whole.linear]
             hardest = int(np.argmax(over))
@@ -185,12 +185,21 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
     return sorted(found, key=lambda x: x.cost(task))
 
 
-def fitted_end_to_end(task: Task, structure: Structure, point: Point, runs: Sequence[int]) -> end_to_end.Fit:
-    """Some runs fitted from end to end, with contact taken exactly, from a point nearby."""
+def fitted_end_to_end(
+    task: Task, structure: Structure, point: Point, runs: Sequence[int], settle: bool = False
+) -> end_to_end.Fit:
+    """Some runs fitted from end to end, with contact taken exactly, from a point nearby; ``settle``: each run's initial
+    state anew where a joint step falls short."""
     problem = task.problem
     found = {p.on: p.size for p in point.processes if p.kind == background.WHITE and p.on not in task.given}
     scaled = problem.subset(runs).with_sigma(problem.sigma * [found.get(c, 1.0) for c in problem.channels])
-    return end_to_end.fit(scaled, structure, [point.paths[i][0, :8] for i in runs], point.theta, FLOWN_STEPS)
+    states = [point.paths[i][0, :8] for i in runs]
+    return end_to_end.fit(scaled, structure, states, point.theta, FLOWN_STEPS, settle=settle)
+
+
+def _flown_exactly(task: Task, structure: Structure, point: Point) -> end_to_end.Fit:
+    """All runs fitted from end to end. Past a contact the valleys are so curved that joint steps alone creep."""
+    return fitted_end_to_end(task, structure, point, range(len(task.problem.runs)), settle=True)
 
 
 def _most_left(task: Task, run: int) -> float:
@@ -207,7 +216,7 @@ def touches(f: Fit) -> bool:
 
 def _exact(task: Task, structure: Structure, point: Point) -> Fit | None:
     """The fit with contact taken exactly from a point nearby; None where more than noise is left."""
-    whole = fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
+    whole = _flown_exactly(task, structure, point)
     return exactly(task.problem, structure, point, REFIT_STEPS, whole) if whole.leaves_noise else None
 
 
