@@ -17,6 +17,7 @@ import pytest
 import scipy.linalg  # noqa: F401  its BLAS must be there to be limited
 from collection_guard import missing
 from hypothesis import settings
+from rosbags.rosbag2 import Reader
 from threadpoolctl import threadpool_limits
 
 from inductrack_ros.nodes.domain import claim_domain
@@ -60,7 +61,7 @@ def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.It
             item.add_marker(pytest.mark.skip(reason="takes minutes: make nightly"))
 
 
-ANSWER = 5.0  # s without an answer after which a service is asked again
+ANSWER = 5.0  # s without an answer after which it is asked again whether the way back is open
 PATIENCE = 120.0  # s; how long a condition is awaited on a busy machine before a test fails
 
 
@@ -81,6 +82,28 @@ def wait_until(
         else:
             time.sleep(0.01)
     pytest.fail(f"waited {patience:g} s in vain: {what}")
+
+
+def counted(heard: list, so: Callable[[object], bool]) -> Callable[[], int]:
+    """How many of what a list gains from here on are so. Each is looked at once: a node publishes faster than a list
+    that grows can be looked through for each message."""
+    looked, found = len(heard), 0
+
+    def count() -> int:
+        nonlocal looked, found
+        new = heard[looked:]
+        looked, found = looked + len(new), found + sum(map(so, new))
+        return found
+
+    return count
+
+
+def newest_in(bag: Path) -> dict[str, int]:
+    """The newest header stamp (ns) of each topic in a bag, also while it is recorded."""
+    from inductrack_ros.nodes.record import stamp_ns
+
+    with Reader(bag) as reader:
+        return {connection.topic: stamp_ns(raw) for connection, _, raw in reader.messages()}
 
 
 class Process:
@@ -121,15 +144,15 @@ class Process:
         if self.running:
             os.killpg(self.pid, number)
 
-    def wait(self) -> int:
-        """The exit status, once it ends by itself."""
-        return self._process.wait(PATIENCE)
+    def wait(self, meanwhile: Callable[[], None] | None = None) -> int:
+        """The exit status, once it ends by itself; ``meanwhile`` is called over and over until then."""
+        wait_until(lambda: not self.running, f"the end of {self._log.stem}", meanwhile)
+        return self._process.wait()
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> int:
         """End it as a user would; a traceback fails the test."""
-        if self.running:
-            self.send(number)
-        status = self._process.wait(PATIENCE)
+        self.send(number)
+        status = self.wait()
         assert "Traceback" not in self.output, self.output
         return status
 
@@ -153,9 +176,13 @@ class Ros:
         self._executor.add_node(self.node)
         self._processes: list[Process] = []
         self._subscriptions: list = []
+        self._clients: dict = {}  # by service, whose way back is open
 
     def start(self, what: str, *args: str) -> Process:
         """Run the node of that name, or a Python file."""
+        for client in self._clients.values():  # it may be the node of the same name once more
+            self.node.destroy_client(client)
+        self._clients.clear()
         process = Process(what, *args, folder=self.folder)
         self._processes.append(process)
         return process
@@ -174,18 +201,17 @@ class Ros:
         return heard
 
     def connect(self, *nodes: str) -> None:
-        """From here on all is heard that these nodes publish on the topics that are listened to.
+        """From here on all is heard that these nodes publish on the topics that are listened to, and they hear all that
+        is published here.
 
         DDS connects the two ends of a topic one after the other. This end tells; what the other end has done an answer
-        to a request that was made later shows, as a node learns of our readers in their order.
+        to a request that was made later shows, as a node learns of our readers and writers in their order.
         """
-        from rcl_interfaces.srv import ListParameters
-
         self.wait(
             lambda: all(s.get_publisher_count() for s in self._subscriptions), "publishers of all that is listened to"
         )
         for node in nodes:
-            self.call(ListParameters, f"{node}/list_parameters")
+            self._open(node)
 
     def publisher(self, kind: type, topic: str):
         """A publisher that somebody listens to already."""
@@ -194,26 +220,41 @@ class Ros:
         return publisher
 
     def call(self, kind: type, name: str, **fields: object):
-        """The answer of a service.
+        """The answer of a service, which is asked once.
 
         Fast DDS drops an answer whose way to the client is not open 0.1 s after the question came ("client will not
-        receive response"), and does not tell the client. So it is asked again, except for what must happen once.
+        receive response"), and does not tell the client. So the way is opened first.
         """
-        client = self.node.create_client(kind, name)
-        self.wait(client.service_is_ready, f"service {name}")
+        client = self._clients.get(name)
+        if client is None:
+            client = self._clients[name] = self.node.create_client(kind, name)
+            self.wait(client.service_is_ready, f"service {name}")
+            self._open(name.rpartition("/")[0])
+        future = client.call_async(kind.Request(**fields))
+        self.wait(future.done, f"an answer of {name}")
+        return future.result()
+
+    def _open(self, node: str) -> None:
+        """Wait until the node knows all our readers and writers: it answers a client that is younger than they are.
+
+        That may be asked again, for nothing comes of it.
+        """
+        from rcl_interfaces.srv import GetParameters
+
+        client = self.node.create_client(GetParameters, f"{node}/get_parameters")
+        self.wait(client.service_is_ready, f"node {node}")
         asked: list = []
         again = 0.0
 
-        def answered() -> list:
+        def answered() -> bool:
             nonlocal again
-            if time.monotonic() >= again and not (asked and name.endswith("/step")):
-                asked.append(client.call_async(kind.Request(**fields)))
+            if time.monotonic() >= again:
+                asked.append(client.call_async(GetParameters.Request()))
                 again = time.monotonic() + ANSWER
-            return [future for future in asked if future.done()]
+            return any(future.done() for future in asked)
 
-        answer = self.wait(answered, f"an answer of {name}")[0].result()
+        self.wait(answered, f"an answer of {node}")
         self.node.destroy_client(client)
-        return answer
 
     def set_parameter(self, node: str, name: str, value: object):
         """Set one parameter of another node; returns the result with `successful` and `reason`."""

@@ -11,12 +11,12 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from conftest import PATIENCE
 from test_compare import make_campaign
 
 from inductrack_ros import cli
@@ -243,9 +243,8 @@ def test_interrupted_it_says_so_and_leaves_nothing(tmp_path, campaign):
     command = [sys.executable, "-c", code, "compare", str(campaign), "--output", str(tmp_path / "out")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "working\n"
-    time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert errors == "inductrack compare: interrupted; nothing was written\n"
     assert os.listdir(tmp_path) == []

@@ -11,9 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from conftest import wait_until
 from geometry_msgs.msg import PoseStamped
 from test_compare import make_campaign
-from test_nodes_record import numbers_in
+from test_nodes_record import kept, numbers_in
 
 from inductrack_ros import cli
 from inductrack_ros.core.model import Model
@@ -47,14 +48,11 @@ def test_the_disk_fills_while_it_records(ros, tmp_path, figure):
         sent += 1
         time.sleep(0.001)
 
-    while not list(bag.glob("*_1.mcap")):
-        send()
+    wait_until(lambda: list(bag.glob("*_1.mcap")) and kept(bag) > 100, "two files in the bag", send)
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (4096, 4096))
     full = time.monotonic()
     before = {p.name: p.read_bytes() for p in bag.glob("*.mcap")}
-    while recorder.running:
-        send()
-    assert recorder.wait() == 1 and "Traceback" not in recorder.output
+    assert recorder.wait(send) == 1 and "Traceback" not in recorder.output
     assert "cannot be written: File too large; recording ends, what is in it can be read" in recorder.output
     figure("disk full: the recorder ends, saying so, after", f"{time.monotonic() - full:.1f} s")
     after = content(bag)

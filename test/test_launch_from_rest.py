@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from conftest import counted, newest_in
 from geometry_msgs.msg import PoseStamped, TwistStamped
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import read_bag
+from inductrack_ros.nodes.topics import nanoseconds_of
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "config" / "launch_from_rest.yaml"
@@ -59,12 +61,12 @@ def test_the_bag_in_examples_is_such_a_run(flown):
 def test_the_node_flies_it(ros, tmp_path):
     recorder = ros.start("record", "-o", str(tmp_path / "bag"))
     twist, _ = ros.listen(TwistStamped, "/inductrack/twist"), ros.listen(PoseStamped, "/inductrack/pose")
+    fast = counted(twist, lambda m: m.twist.linear.x > 20.0)
     ros.start("sim", "--ros-args", "--params-file", str(FILE), "-p", "listeners:=2", "-p", "speed_factor:=3.0")
     # It stands still before the flight too.
-    ros.wait(
-        lambda: twist and twist[-1].twist.linear.x == 0.0 and max(m.twist.linear.x for m in twist) > 20.0,
-        "the end of the run",
-    )
+    ros.wait(lambda: fast() and twist[-1].twist.linear.x == 0.0, "the end of the run")
+    stands = nanoseconds_of(twist[-1].header.stamp)
+    ros.wait(lambda: newest_in(tmp_path / "bag").get("/inductrack/measured/twist", 0) > stands, "all of it in the bag")
     assert recorder.stop() == 0
     speed = read_bag(tmp_path / "bag").samples("surge_rate")[1]
     assert abs(speed[0]) < 1.0 and speed.max() > 20.0 and abs(speed[-1]) < 0.2

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -111,8 +110,16 @@ def test_kill_9_costs_at_most_the_last_second(ros, tmp_path, figure, moment):
     def sent() -> int:
         return int(sender.output.split()[-1])
 
+    def keeps_pace() -> bool:
+        """Nothing more is sent from here on where it does: else the recorder may fall behind before it is killed."""
+        sender.send(signal.SIGSTOP)
+        if sent() - kept(bag) < 700:
+            return True
+        sender.send(signal.SIGCONT)
+        return False
+
     sender.wait_for(f"\n{moment}\n")
-    ros.wait(lambda: sent() - kept(bag) < 700, "the recorder to keep pace, which a busy machine may not let it")
+    ros.wait(keeps_pace, "the recorder to keep pace, which a busy machine may not let it")
     until = sent() + 50
     recorder.kill()
     recorded = numbers_in(bag)
@@ -121,7 +128,40 @@ def test_kill_9_costs_at_most_the_last_second(ros, tmp_path, figure, moment):
         figure("lost by a recorder that was killed", f"at most {until - len(numbers)} ms")
         assert until - len(numbers) <= 1000
     assert recorded or until <= 1000
-    assert not [p for p in bag.iterdir() if p.suffix == ".mcap" and p.name not in (bag / "metadata.yaml").read_text()]
+    assert len(unnamed(bag)) <= 1  # it was killed between the writing of a file and that of its name
+
+
+KILLED = """
+import os, signal, sys
+from inductrack_ros.nodes import bag, record, start
+
+written = bag.SegmentedBag._write_metadata
+def write(self):
+    if len(self._files) == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    written(self)
+bag.SegmentedBag._write_metadata = write
+sys.argv = ["record", "-o", "bag"]
+start.record()
+"""
+
+
+def test_kill_9_between_a_file_and_its_name_leaves_what_was_named(ros):
+    script = ros.folder / "killed.py"
+    script.write_text(KILLED)
+    recorder = ros.start(str(script))
+    source(ros, 1, 100000)
+    assert recorder.wait() == -signal.SIGKILL
+    bag = ros.folder / "bag"
+    assert unnamed(bag) == ["bag_1.mcap"]
+    numbers = numbers_in(bag)["/inductrack/topic0"]
+    assert numbers == list(range(len(numbers))) and numbers
+
+
+def unnamed(bag: Path) -> list[str]:
+    """Files of messages that the metadata does not name."""
+    named = (bag / "metadata.yaml").read_text()
+    return [p.name for p in bag.iterdir() if p.suffix == ".mcap" and p.name not in named]
 
 
 def test_an_existing_bag_is_not_overwritten(ros, tmp_path):
@@ -140,7 +180,7 @@ def test_where_nothing_can_be_written_it_says_so(ros, tmp_path):
     recorder = ros.start("record", "-o", str(tmp_path / "bag"))  # the folder goes while it records
     sender = source(ros, 1, 100000)
     sender.wait_for("\n50\n")
-    shutil.rmtree(tmp_path / "bag")
+    (tmp_path / "bag").rename(tmp_path / "gone")  # in one step: the recorder may be at it
     (tmp_path / "bag").write_text("")
     assert recorder.wait() == 1 and "recording ends" in recorder.output and "Traceback" not in recorder.output
 
@@ -153,9 +193,12 @@ def test_a_duration_is_kept_to_a_tenth_of_a_second(ros, tmp_path, stamp):
     source(ros, 2, 100000)
     assert recorder.wait() == 0
     with Reader(bag) as reader:
-        span = reader.duration / 1e9
-        assert 0.4 < span < 0.6 if stamp == "receive" else span == pytest.approx(0.5, abs=0.1)
-        assert reader.message_count > 100
+        first, span = reader.start_time / 1e9, reader.duration / 1e9
+    if stamp == "header":
+        assert span == pytest.approx(0.5, abs=0.1)
+    else:  # a busy machine may leave the recorder out for the last tenth
+        ended = float(re.search(r"\[(\d+\.\d+)\] \[\S+\]: \d+ messages on", recorder.output)[1])
+        assert span < 0.51 and ended - first > 0.49
 
 
 def test_only_asked_topics_and_a_duration(ros, tmp_path):
@@ -164,11 +207,13 @@ def test_only_asked_topics_and_a_duration(ros, tmp_path):
     publisher = ros.node.create_publisher(PoseStamped, "/inductrack/topic1", 1000)
     other = ros.node.create_publisher(PoseStamped, "/inductrack/topic0", 1000)
     ros.wait(publisher.get_subscription_count, "the recorder")
-    while recorder.running:
+
+    def publish() -> None:
         publisher.publish(PoseStamped())
         other.publish(PoseStamped())
         time.sleep(0.01)
-    assert recorder.wait() == 0 and re.search(r"\d+ messages on 1 topics", recorder.output)
+
+    assert recorder.wait(publish) == 0 and re.search(r"\d+ messages on 1 topics", recorder.output)
     assert list(numbers_in(bag)) == ["/inductrack/topic1"]
 
 
