@@ -14,6 +14,7 @@ import hashlib
 import os
 import pickle
 import platform
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -33,6 +34,11 @@ from .core.user_files import run_file, use_shipped
 PATIENCE = 10.0
 #: How often a task may meet a dying worker before it is taken for the cause.
 DEATHS = 10
+#: For how long (s) all workers may be gone before nobody is taken to bring them back: a start takes seconds, on a busy
+#: machine a minute.
+GONE = 180.0
+#: How often (s) to look whether there are workers while a result is awaited.
+LOOK = 1.0
 
 
 class Threads:
@@ -64,7 +70,8 @@ class Cluster:
         return list(self.stream(task, items))
 
     def stream(self, task: Callable, items: Sequence) -> Iterator:
-        """As `map`, each result as soon as it and those before it are there."""
+        """As `map`, each result as soon as it and those before it are there. Raises `InputError` where the workers are
+        gone for good."""
         from dask.distributed import KilledWorker
 
         with warnings.catch_warnings():
@@ -74,13 +81,33 @@ class Cluster:
             futures = self.client.map(_work, [_pack(i) for i in items], task=sent, here=_versions(), pure=False)
         try:
             for future in futures:
-                yield pickle.loads(future.result())
+                yield pickle.loads(self._result(future))
         except KilledWorker as error:
             raise InputError(
                 f"the cluster: a task outlived {DEATHS} workers; is there enough memory on each? ({error})"
             ) from error
         finally:  # also after Ctrl-C: nothing goes on in the background
             self.client.cancel(futures)
+
+    def _result(self, future) -> bytes:
+        """A task's result, however long it takes while there are workers, or some may still come."""
+        from dask.distributed import TimeoutError
+
+        there, seen = False, time.monotonic()
+        while True:
+            try:
+                return future.result(timeout=LOOK)
+            except TimeoutError:
+                if future.done():  # since; or that was the task's own error
+                    return future.result()
+                if self.client.nthreads():
+                    there, seen = True, time.monotonic()
+                elif there and time.monotonic() - seen > GONE:
+                    raise InputError(
+                        f"the cluster: all workers have been gone for {GONE:g} s; start them again with 'dask worker'"
+                        " (a LocalCluster gives a worker up whose restart takes longer than distributed.deploy."
+                        "lost-worker-timeout)"
+                    ) from None
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import signal
@@ -82,6 +83,22 @@ def wait_until(
         else:
             time.sleep(0.01)
     pytest.fail(f"waited {patience:g} s in vain: {what}")
+
+
+@contextlib.contextmanager
+def bounded(what: str, seconds: float) -> Iterator[None]:
+    """Fail the test where the block, which may wait without an end, takes longer; in the main thread."""
+
+    def late(*_: object) -> None:
+        pytest.fail(f"waited {seconds:g} s in vain: {what}")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds, 10.0)  # again, for what waits while the first is on its way out
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def counted(heard: list, so: Callable[[object], bool]) -> Callable[[], int]:

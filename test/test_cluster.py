@@ -7,11 +7,13 @@ have no file of, and whatever happens to a worker.
 
 import os
 import signal
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import bounded
 from threadpoolctl import threadpool_info
 
 from inductrack_ros import workers as workers_module
@@ -39,12 +41,33 @@ def push(surge, size):
 '''
 
 
+#: A worker that dies is started again, and given up where that takes so long: 15 s by default, which a busy machine
+#: needs. Two that are given up leave a cluster without workers, whose work stands for ever.
+RESTART = {"distributed.deploy.lost-worker-timeout": "1h"}
+LIMIT = 600.0  # s for one test, of which the most is waiting for others who use the machine
+
+
 @pytest.fixture(scope="module")
 def scheduler():
-    """Address of a scheduler with two workers, each a process of one thread."""
+    """Address of a scheduler with two workers, each a process of one thread, of as much memory as there is."""
     distributed = pytest.importorskip("dask.distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    import dask
+
+    with dask.config.set(RESTART), bounded("the start of a cluster", LIMIT):
+        cluster = distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+        )
+    with dask.config.set(RESTART):
         yield cluster.scheduler_address
+        with bounded("the end of a cluster", LIMIT):
+            cluster.close()
+
+
+@pytest.fixture(autouse=True)
+def in_bounded_time():
+    """dask waits for ever where nobody works."""
+    with bounded("an answer of the cluster", LIMIT):
+        yield
 
 
 class Deadly:
@@ -132,6 +155,17 @@ def test_effect_files_travel_with_the_model(scheduler, tmp_path):
     with workers(scheduler) as cluster:
         assert cluster.map(task, [3.0, 5.0]) == [(6.0, 1), (10.0, 1)]
     assert not path.exists()
+
+
+def test_workers_that_are_gone_for_good_are_told(scheduler, monkeypatch):
+    """Their work would stand for ever."""
+    monkeypatch.setattr(workers_module, "GONE", 0.5)
+    monkeypatch.setattr(workers_module, "LOOK", 0.1)
+    with workers(scheduler) as cluster:
+        there = iter([{"tcp://one": 1}])  # at the first look
+        monkeypatch.setattr(cluster.client, "nthreads", lambda: next(there, {}))
+        with pytest.raises(InputError, match="all workers have been gone for 0.5 s; start them again"):
+            cluster.map(time.sleep, [5.0])
 
 
 def test_what_is_wrong_is_told(scheduler, monkeypatch):

@@ -90,6 +90,19 @@ def test_a_recorder_of_a_few_topics_does_not_hold_time_for_ever(rig, ros):
     assert rig.after(1.1 * SLOW)
 
 
+def test_without_a_leading_topic_those_of_any_are_waited_for(rig, ros):
+    """As `play` waits: who is connected to one topic and known to listen to another is connected there first."""
+    rig.waited_for = Listeners(rig._node, list(rig._publishers.values()))
+    assert not rig.after(2 * SETTLED)
+    monitor = rig.listener("monitor")
+    rig.listens(ros, monitor, "/tf_like")
+    assert rig.after(1.1 * SETTLED)
+    qos = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # known, and not connected
+    monitor.create_subscription(PoseStamped, "pose", print, qos)
+    ros.wait(lambda: rig.known("pose") == 1, "the monitor in the graph")
+    assert not rig.after(1.1 * SETTLED)
+
+
 def test_another_recorder_does_not_stand_for_the_first(rig, ros):
     first, second = rig.listener("record"), rig.listener("record_too")
     for topic in ("pose", "measured/pose"):

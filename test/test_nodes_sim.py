@@ -73,6 +73,7 @@ def test_what_is_published_is_the_model_in_ros_axes(ros):
     ros.call(SetBool, "/inductrack/sim/pause", data=True)
     wrenches = [messages for topic, messages in heard.items() if topic.startswith("wrench/")]
     ros.wait(lambda: len({seconds(messages[-1]) for messages in wrenches}) == 1, "all of one moment")
+    ros.wait(lambda: seconds(heard["pose"][-1]) >= seconds(wrenches[0][-1]), "the pose of that moment")
 
     documented = re.findall(
         r"^\| `([^`]+)` \|", (Path(__file__).parent.parent / "docs" / "interfaces.md").read_text(), re.MULTILINE

@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
+import signal
 import subprocess
 import threading
 from pathlib import Path
 
 import pytest
-from conftest import BIN, wait_until
+from conftest import BIN, PATIENCE, wait_until
 
 from inductrack_ros.core.compiled import cache_folder
 from inductrack_ros.data import read_bag
@@ -41,6 +43,7 @@ class Shell:
             text=True,
             cwd=ROOT,
             env=environment,
+            start_new_session=True,
         )
         self.said, self._blocks = "", 0
         threading.Thread(target=self._listen, daemon=True).start()
@@ -64,9 +67,15 @@ class Shell:
         return begin
 
     def close(self) -> None:
-        self._bash.stdin.write("kill $(jobs -p)\nwait\n")
-        self._bash.stdin.close()
-        self._bash.wait(60)
+        """End it and all that it started, also where a block has not come back."""
+        try:
+            self._bash.stdin.write("kill $(jobs -p)\nwait\n")
+            self._bash.stdin.close()
+            self._bash.wait(PATIENCE)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._bash.pid, signal.SIGKILL)
+            self._bash.wait()
 
 
 def typed(home: Path, chapters: list[str]) -> str:

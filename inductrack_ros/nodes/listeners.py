@@ -7,6 +7,7 @@ import time
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 LOOK = 0.05  # s between two looks at the graph
@@ -20,10 +21,40 @@ def recorders(node: Node, topic: str) -> set[tuple[str, str]]:
     return {(end.node_namespace, end.node_name) for end in ends if "record" in end.node_name}
 
 
-class Listeners:
-    """The listeners of all publishers of a node. ``leading`` is the publisher whose listeners are waited for."""
+class Answerers:
+    """Who publishes on ``topic`` in answer to ``question``, a topic too.
 
-    def __init__(self, node: Node, publishers: list[Publisher], leading: Publisher) -> None:
+    What is put to them is put once, for a second message would make another run of it in a bag. Nothing is lost on the
+    way to who is there already and listens reliably, however long the answer takes.
+    """
+
+    def __init__(self, node: Node, topic: str, question: str) -> None:
+        self._node, self._topic, self._question_topic = node, topic, question
+        self._question = -1
+        self._seen: set[bytes] = set()  # at the last look
+        self._asked: set[bytes] = set()  # who was seen before the present question
+
+    def may_not_have_heard(self, question: int) -> bool:
+        """Whether somebody has come since the question of this number was put, or may have lost it; to be called at
+        every look."""
+        if question != self._question:
+            self._question, self._asked = question, self._seen
+        ends = self._node.get_publishers_info_by_topic(self._topic)
+        self._seen = {bytes(end.endpoint_gid) for end in ends}
+        names = {(end.node_namespace, end.node_name) for end in ends}
+        lossy = any(
+            (end.node_namespace, end.node_name) in names
+            for end in self._node.get_subscriptions_info_by_topic(self._question_topic)
+            if end.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        )
+        return lossy or not self._seen <= self._asked
+
+
+class Listeners:
+    """The listeners of all publishers of a node. ``leading`` is the publisher whose listeners are waited for; without
+    it those of any are."""
+
+    def __init__(self, node: Node, publishers: list[Publisher], leading: Publisher | None = None) -> None:
         self._node, self._publishers, self._leading = node, publishers, leading
         self._heard: list[int] = []  # listeners connected to each publisher
         self._since = self._next_look = 0.0  # s, monotonic: of the last change; of the next look
@@ -45,7 +76,7 @@ class Listeners:
         if heard != self._heard:
             self._heard, self._since = heard, now
         calm = now - self._since
-        if calm < SETTLED or not self._leading.get_subscription_count():
+        if calm < SETTLED or not (self._leading.get_subscription_count() if self._leading else any(heard)):
             return False
         return calm >= SLOW or (self._all_connected() and self._recorders_hear_all())
 
@@ -56,6 +87,8 @@ class Listeners:
         )
 
     def _recorders_hear_all(self) -> bool:
+        if self._leading is None:
+            return True
         names = recorders(self._node, self._leading.topic_name)
         namespace = self._node.get_namespace().rstrip("/") + "/"
         return all(

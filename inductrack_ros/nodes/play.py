@@ -16,6 +16,7 @@ from rclpy.utilities import remove_ros_args
 from ..core.errors import InputError
 from ..data.bag_files import open_bag
 from ..data.distributions import migration
+from .listeners import Listeners
 from .messages import message_class
 from .qos import profile
 from .runtime import every, run
@@ -48,6 +49,7 @@ class Player(Node):
         if self._next is None:
             asked = " on the topics asked for" if options.topics else ""
             raise InputError(f"{options.bag}: no messages{asked} that can be played")
+        self._listeners = Listeners(self, list(self._publishers_by_topic.values()))
         self._zero, self._begin = self._next[0], None
         self._paused = False  # whether the pause before the next message was told
         self.sent = 0
@@ -107,8 +109,9 @@ class Player(Node):
             self.get_logger().info(f"nothing was recorded for the next {seconds:.0f} s; --rate shortens that")
 
     def _wait_for_a_listener(self) -> None:
-        heard = max(p.get_subscription_count() for p in self._publishers_by_topic.values()) >= self._options.listeners
-        if heard or self._options.at_once:
+        """Begin once so many listen to one of the topics, and who listens to others is connected there too."""
+        most = max(p.get_subscription_count() for p in self._publishers_by_topic.values())
+        if self._options.at_once or (most >= self._options.listeners and self._listeners.all_hear()):
             self._begin = time.monotonic() + self._options.delay
             rate = "" if self._options.rate == 1.0 else f" at {self._options.rate:g} times its speed"
             self.get_logger().info(f"playing {self._options.bag}{rate}; Ctrl-C ends it")

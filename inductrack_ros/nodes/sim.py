@@ -22,6 +22,7 @@ from ..core.state import OUTPUTS
 from .diagnostics import PERIOD, Diagnostics, strangers
 from .domain import reach
 from .drive import PulseQueue
+from .listeners import Answerers
 from .overrides import Overrides
 from .parameters import (
     declare,
@@ -44,7 +45,7 @@ LIVE = {"speed_factor", "lockstep_timeout", "command_timeout", *PARAMETERS, *rig
 LONGEST_BATCH = 0.05  # s of real time spent on ticks before services and commands get their turn
 LONGEST_DEBT = 0.1  # s of real time that the simulation may lag and still catch up
 CATCH_UP = 2  # times the asked speed, at most, while it does: commands must get their turn between ticks
-ASK_AGAIN = 1.0  # s without an answer after which a state in lockstep is published again
+ASK_AGAIN = 1.0  # s without an answer after which a state in lockstep is published again for who may not have heard it
 
 
 class SimNode(Node):
@@ -94,6 +95,8 @@ class SimNode(Node):
         self._topics.places(stamp_of(self._stamp_ns()), self.model.parameters)
         self._details_period = max(1, round(options["rate"] / options["details_rate"]))
         if options["lockstep"]:
+            self._questions = 0
+            self._answerers = Answerers(self, "lockstep/done", "pose")
             self._expect_answer()
             subscribe(self, UInt64MultiArray, "lockstep/done", self._take_answer, profile(), must)
             every(self, 0.1, self._look_after_lockstep)
@@ -199,14 +202,15 @@ class SimNode(Node):
     # -- lockstep: simulated time waits for the controller -------------------------------------------------------
 
     def _look_after_lockstep(self) -> None:
-        """Timer: publish the first state once somebody will answer; ask again, and say so, when nobody does."""
+        """Timer: publish the first state once somebody will answer; ask who came later, and say so when nobody does."""
         if self.paused:
             return
         silent = time.monotonic() - self._asked_at
+        unheard = self._answerers.may_not_have_heard(self._questions)
         if not self._published and self._controller_listens():
             self._expect_answer()
             self._publish()
-        elif self._published and silent > ASK_AGAIN and self._answer is None:
+        elif self._published and silent > ASK_AGAIN and self._answer is None and unheard:
             self._asked_at = time.monotonic()
             self._topics.state(stamp_of(self._stamp_ns()), self.simulation.x)
         if time.monotonic() - self._answered_at > self._options["lockstep_timeout"]:
@@ -235,6 +239,7 @@ class SimNode(Node):
         return enough and (not waits or self._topics.listeners.all_hear())
 
     def _expect_answer(self) -> None:
+        self._questions += 1
         self._pulses_since_tick = 0
         self._missed = False
         self._answer: int | None = None  # pulses the controller says it sent
