@@ -298,7 +298,8 @@ def test_a_recorder_that_stalls_holds_nobody_up_and_loses_nothing(ros, tmp_path,
     ros.wait(lambda: ros.node.count_subscribers("/inductrack/pose") > 1 and len(poses) > 200, "poses")
 
     def lasts(simulated: float) -> float:
-        """Seconds of real time that so much simulated time takes. A message that waits for a recorder waits 0.1 s."""
+        """Seconds of real time that so much simulated time takes: minutes, which nobody waits for here, where each
+        message waits 0.1 s for the recorder."""
         begin, end = time.monotonic(), seconds(poses[-1]) + simulated
         ros.wait(lambda: seconds(poses[-1]) > end, "simulated time to go on")
         return time.monotonic() - begin
