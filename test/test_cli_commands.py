@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import PATIENCE
+from conftest import PATIENCE, bounded
 from test_compare import make_campaign
 
 from inductrack_ros import cli
@@ -299,6 +299,23 @@ def test_diagnose_writes_the_contract(tmp_path, dragged, capsys):
     assert json.loads((comparison / "comparison.json").read_text())["error_over_noise"] < 1.1
 
 
+#: The command line, which stands still once it has said that it tries an effect: else a busy machine may press Ctrl-C
+#: when the search is over.
+STANDS = """
+import os, signal, sys
+from inductrack_ros import cli, progress
+
+said = []
+def shown(words, **options):
+    print(words, **options)
+    if "drag" in words and not said:
+        said.append(words)
+        os.kill(os.getpid(), signal.SIGSTOP)
+progress.print = shown
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
 def test_long_work_says_what_it_does_and_what_was_kept(tmp_path):
     """On a terminal: a line of what is being done; after Ctrl-C in the search, what was found until then."""
     practice = Path(__file__).parent / "data" / "practice" / "p3_coast"
@@ -311,15 +328,16 @@ def test_long_work_says_what_it_does_and_what_was_kept(tmp_path):
     if pid == 0:
         os.environ["COLUMNS"] = "100"
         os.execv(
-            sys.executable,
-            [sys.executable, "-m", "inductrack_ros.cli", "diagnose", str(campaign), "--output", str(tmp_path / "out")],
+            sys.executable, [sys.executable, "-c", STANDS, "diagnose", str(campaign), "--output", str(tmp_path / "out")]
         )
     said, interrupted = b"", False
-    with contextlib.suppress(OSError):  # how Linux says that the other end is closed
+    with bounded("the end of a diagnosis", 600.0), contextlib.suppress(OSError):  # the other end is closed, to Linux
         while piece := os.read(terminal, 4096):
             said += piece
             if b"drag" in said and not interrupted:  # an effect is being tried
+                assert os.WIFSTOPPED(os.waitpid(pid, os.WUNTRACED)[1])
                 interrupted = os.write(terminal, b"\x03") == 1
+                os.kill(pid, signal.SIGCONT)
     _, status = os.waitpid(pid, 0)
     assert os.waitstatus_to_exitcode(status) == 130, said.decode()
     lines = said.decode().replace("\r", "\n").replace("\x1b[2K", "").split("\n")
