@@ -64,6 +64,7 @@ def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.It
 
 ANSWER = 5.0  # s without an answer after which it is asked again whether the way back is open
 PATIENCE = 120.0  # s; how long a condition is awaited on a busy machine before a test fails
+LONG = 600.0  # s; the same for the end of long work: a diagnosis, a command that compiles, a cluster
 
 
 def wait_until(

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import PATIENCE, bounded
+from conftest import LONG, PATIENCE, bounded
 from test_compare import make_campaign
 
 from inductrack_ros import cli
@@ -331,7 +331,7 @@ def test_long_work_says_what_it_does_and_what_was_kept(tmp_path):
             sys.executable, [sys.executable, "-c", STANDS, "diagnose", str(campaign), "--output", str(tmp_path / "out")]
         )
     said, interrupted = b"", False
-    with bounded("the end of a diagnosis", 600.0), contextlib.suppress(OSError):  # the other end is closed, to Linux
+    with bounded("the end of a diagnosis", LONG), contextlib.suppress(OSError):  # the other end is closed, to Linux
         while piece := os.read(terminal, 4096):
             said += piece
             if b"drag" in said and not interrupted:  # an effect is being tried

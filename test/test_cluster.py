@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import bounded
+from conftest import LONG, bounded
 from threadpoolctl import threadpool_info
 
 from inductrack_ros import workers as workers_module
@@ -44,7 +44,6 @@ def push(surge, size):
 #: A worker that dies is started again, and given up where that takes so long: 15 s by default, which a busy machine
 #: needs. Two that are given up leave a cluster without workers, whose work stands for ever.
 RESTART = {"distributed.deploy.lost-worker-timeout": "1h"}
-LIMIT = 600.0  # s for one test, of which the most is waiting for others who use the machine
 
 
 @pytest.fixture(scope="module")
@@ -53,20 +52,20 @@ def scheduler():
     distributed = pytest.importorskip("dask.distributed")
     import dask
 
-    with dask.config.set(RESTART), bounded("the start of a cluster", LIMIT):
+    with dask.config.set(RESTART), bounded("the start of a cluster", LONG):
         cluster = distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
         )
     with dask.config.set(RESTART):
         yield cluster.scheduler_address
-        with bounded("the end of a cluster", LIMIT):
+        with bounded("the end of a cluster", LONG):
             cluster.close()
 
 
 @pytest.fixture(autouse=True)
 def in_bounded_time():
     """dask waits for ever where nobody works."""
-    with bounded("an answer of the cluster", LIMIT):
+    with bounded("an answer of the cluster", LONG):
         yield
 
 

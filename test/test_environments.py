@@ -14,6 +14,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from conftest import LONG
 from test_compare import make_campaign
 
 import inductrack_ros
@@ -49,14 +50,14 @@ def test_a_user_without_home_and_a_package_that_cannot_be_written(tmp_path, home
         environment["HOME"] = home
     done = subprocess.run(
         [sys.executable, "-B", "-c", AS_NOBODY, "simulate", "--duration", "0.2", "--output", "run.csv"],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False,
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=LONG, check=False,
     )  # fmt: skip
     assert done.returncode == 0 and "101 samples" in done.stdout and not done.stderr, done.stderr
     assert (tmp_path / "run.csv").exists()
     estimation = AS_NOBODY.replace("inductrack_ros.cli", "inductrack_ros.estimation.kalman")
     done = subprocess.run(
         [sys.executable, "-B", "-c", estimation],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False,
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=LONG, check=False,
     )  # fmt: skip
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
 
@@ -128,7 +129,7 @@ def test_a_standard_error_that_cannot_be_written_changes_no_status(tmp_path):
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "inductrack_ros.cli", "check", str(tmp_path / "none"), "--output", "out"],
-            cwd=tmp_path, stderr=full, stdout=subprocess.PIPE, timeout=60, check=False,
+            cwd=tmp_path, stderr=full, stdout=subprocess.PIPE, timeout=LONG, check=False,
         )  # fmt: skip
     assert done.returncode == 2 and not done.stdout
 
@@ -190,7 +191,7 @@ def test_a_shell_that_allows_too_little_memory_is_told(tmp_path, option, program
     limited = f'ulimit {option} 400000 && exec "$@"'
     done = subprocess.run(
         ["bash", "-c", limited, "bash", sys.executable, "-m", f"inductrack_ros.{program}", *words],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+        cwd=tmp_path, capture_output=True, text=True, timeout=LONG, check=False,
     )  # fmt: skip
     assert done.returncode == 2 and "Traceback" not in done.stderr
     assert done.stderr.count("\n") == 1 and "391 MB" in done.stderr and f"ulimit {option} unlimited" in done.stderr

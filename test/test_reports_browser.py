@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import LONG
 from test_compare import make_campaign
 
 from inductrack_ros.compare import compare
@@ -54,7 +55,7 @@ def open_page(html: str, folder: Path, probe: str, *options: str) -> dict:
         "--virtual-time-budget=20000",
     ]
     command += ["--window-size=1280,900", "--enable-logging=stderr", *options, "--dump-dom", file.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LONG, check=False)
     complaints = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     assert not complaints, complaints
     title = re.search(r"<title>PROBE(.*?)END</title>", done.stdout, re.S)
@@ -154,7 +155,7 @@ def test_it_prints_to_paper(report, tmp_path):
         f"--user-data-dir={tmp_path / 'profile'}",
     ]
     command += ["--virtual-time-budget=20000", "--no-pdf-header-footer", f"--print-to-pdf={paper}", file.as_uri()]
-    subprocess.run(command, capture_output=True, timeout=180, check=True)
+    subprocess.run(command, capture_output=True, timeout=LONG, check=True)
     pages = len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes()))
     assert 2 <= pages <= 8
 

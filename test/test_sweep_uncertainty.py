@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import LONG
 
 from inductrack_ros import cli
 from inductrack_ros.core.errors import InputError
@@ -66,7 +67,7 @@ def test_a_node_loads_it(tmp_path):
         [sys.executable, "-c", program, "--ros-args", "--params-file", str(saved(tmp_path))],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=LONG,
     )
     assert done.stdout.split("\n")[0] == "0.7 [] False", done.stdout + done.stderr
 

@@ -13,7 +13,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from conftest import BIN, PATIENCE, wait_until
+from conftest import BIN, LONG, PATIENCE, wait_until
 
 from inductrack_ros.core.compiled import cache_folder
 from inductrack_ros.data import read_bag
@@ -61,7 +61,7 @@ class Shell:
         self._bash.stdin.write(f"{block}\necho {end} $?\n")
         self._bash.stdin.flush()
         # A whole diagnosis.
-        wait_until(lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}", patience=600.0)
+        wait_until(lambda: re.search(f"{end} \\d+\n", self.said), f"the end of:\n{block}", patience=LONG)
         status = re.search(f"{end} (\\d+)\n", self.said)[1]
         assert status == "0" or block.startswith("kill"), self.said[begin:]
         return begin
