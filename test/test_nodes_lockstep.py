@@ -59,10 +59,15 @@ def test_the_unstable_speed_is_held_and_mode_gains_and_lead_change_meanwhile(ros
     assert coils == list(range(coils[0], coils[0] + len(coils))) and len(coils) > 290 * HELD  # each once, none left out
     assert all((m.point.y > 0) == (m.point.x % 2 == 0) for m in fired)
     name = "/inductrack/track_controller"
+    ros.call(SetBool, "/inductrack/sim/pause", data=True)  # in a second it would run away to 50 m/s
     for parameter, value in (("drive_current", 9000.0), ("mode", "current")):
         assert ros.set_parameter(name, parameter, value).successful
-    ros.wait(lambda: twist[-1].twist.linear.x > 15.4, "9000 A to speed the cradle up")
-    ros.call(SetBool, "/inductrack/sim/pause", data=True)  # else it runs away while a busy machine sets the others
+
+    def faster() -> bool:
+        ros.step_on("/inductrack/sim")
+        return twist[-1].twist.linear.x > 15.4
+
+    ros.wait(faster, "9000 A to speed the cradle up")
     began = seconds(twist[-1])
     for parameter, value in (
         ("target_speed", 15.2),

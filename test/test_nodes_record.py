@@ -49,7 +49,8 @@ for number in range(count):
     if wait > 0:
         time.sleep(wait)
 print("all sent", flush=True)
-time.sleep(600)  # a writer that ends takes what is on its way with it
+while rclpy.ok():  # a writer that ends takes what is on its way with it
+    time.sleep(0.1)
 """
 
 
