@@ -127,6 +127,7 @@ def _of_answer(truth: dict, found) -> dict:
         "off": off(truth, found),
         "findings": judge_findings(truth, found.findings),
         "unfinished": found.unfinished,
+        "p": found.p_value,
     }
 
 
@@ -161,6 +162,7 @@ def line(row: dict) -> str:
         f"lost {[tuple(w.values())[:2] for w in told['lost']]}" if told.get("lost") else "",
         f"clarity {row['clarity']:.0f}",
         f"error {row['error']:.3g}" if row["error"] is not None else "",
+        f"p {row['p']:.2g}" if "p" in row else "",
         law_line(row["law"]) if "law" in row else "",
         f"cpu {row['cpu']:.0f} s",
         f"{row['samples']} samples",
