@@ -121,6 +121,29 @@ def test_a_sensor_that_hangs_for_a_moment(channel, first, count, pose, model):
     assert np.isnan(used.runs[0][channel]).sum() == pytest.approx(count, abs=1)
 
 
+def coarse_swing(decay, change=lambda y: y):
+    """A swing of heave that dies away (1/s), read in steps of a tenth of a millimetre."""
+    hum = flown([(0.0, {"surge_rate": 20.0})], ("heave",), count=170, step=1e-2)
+    t = np.arange(170) * 1e-2
+    swing = -0.0055 + 2e-3 * np.exp(-decay * t) * np.cos(45.0 * t)
+    return changed(hum, "heave", lambda y: np.round(change(swing), 4))
+
+
+def test_coarse_readings_of_a_cradle_that_comes_to_rest_do_not_hang(model):
+    rest = coarse_swing(2.6)
+    assert np.ptp(rest.runs[0]["heave"][-20:]) == 0.0  # so long that it would hang, were it in motion
+    assert not [f for f in look(rest, model) if f.kind == "stuck"]
+
+
+def test_coarse_readings_that_hang_amid_a_swing(model):
+    def hang(y):
+        y[40:75] = y[40]
+        return y
+
+    (found,) = [f for f in look(coarse_swing(0.5, hang), model) if f.kind == "stuck"]
+    assert found.size["count"] == pytest.approx(35, abs=1)
+
+
 def test_a_logger_that_stands_still_is_no_saturation(pose, model):
     def still(run):
         values = run.values.copy()

@@ -16,6 +16,9 @@ from .noise_found import Channel
 
 #: A reading moves into the end of its range by this many usual steps at most, and as many times its noise.
 INTO = 5.0
+#: A coarse channel that keeps this near (steps) to a value on one side of a stretch of it is at rest. The slowest
+#: percent of its motion covers `SLOWEST` steps in as many readings.
+AT_REST, SLOWEST = 2.0, 4
 #: Channels that are flat over this part of each other's stretches hang together.
 TOGETHER = 0.8
 
@@ -51,11 +54,19 @@ def flat_stretches(run: Run, channel: str, about: Channel) -> list[NDArray[np.in
     if _fine(about):
         longest, inside = _by_chance(about), 0
     else:
-        longest = max(levels.FLAT, 4 * int(np.quantile(lengths, 0.99)))
+        longest = max(levels.FLAT, SLOWEST * int(np.quantile(lengths, 0.99)))
         inside = int(levels.STUCK * len(values))
     at_end = (values[starts] == values.max()) | (values[starts] == values.min())
     many = lengths >= np.where(at_end, longest, max(longest, inside))
-    return [numbers[s : s + n] for s, n in zip(starts[many], lengths[many], strict=True)]
+    found = zip(starts[many], lengths[many], strict=True)
+    return [numbers[s : s + n] for s, n in found if _fine(about) or not _at_rest(values, s, n, longest, about)]
+
+
+def _at_rest(values: Array, start: int, length: int, around: int, about: Channel) -> bool:
+    """Whether a coarse channel hardly moves on one side of a stretch of one value: the cradle may be at rest."""
+    sides = values[max(start - around, 0) : start], values[start + length : start + length + around]
+    near = (AT_REST + 0.5) * about.step
+    return any(len(side) == around and (np.abs(side - values[start]) < near).all() for side in sides)
 
 
 def repeats_of(values: Array) -> tuple[Array, Array]:
