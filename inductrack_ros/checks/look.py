@@ -93,7 +93,7 @@ def set_aside(campaign: Campaign, findings: list[Finding] | tuple[Finding, ...])
     """The campaign without the samples and runs that the findings leave out, and with the noise that coarse readings
     have."""
     left_out = [f for f in findings if f.severity == SET_ASIDE]
-    gone = {f.run for f in left_out if f.kind == "too_few_samples"}
+    gone = {f.run for f in left_out if f.run and not f.samples}
     runs = tuple(_without(run, left_out) for run in campaign.runs if run.name not in gone)
     noise = {
         f.channel: f.size["noise"]

@@ -20,6 +20,7 @@ from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import answer, background, errors, support
+from .belonging import odd_run
 from .experiment import propose
 from .findings import SHAKEN, findings, hidden_by
 from .known import uncertainty_of
@@ -54,14 +55,18 @@ def diagnose(
     began = time.monotonic()
     campaign, seen = admit(campaign, model)
     hear(seen)
-    notes = support.inspect(campaign)
-    tell("fitting what is known")
-    spikes, (problem, base, undetermined) = spikes_and_fit(campaign, model, seen)
-    campaign, seen = set_aside(campaign, spikes), (*seen, *spikes)
+    notes, log = support.inspect(campaign), ()
+    while True:
+        tell("fitting what is known")
+        spikes, (problem, base, undetermined) = spikes_and_fit(campaign, model, seen)
+        campaign, seen = set_aside(campaign, spikes), (*seen, *spikes)
+        task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
+        state = search(task, add_background(task, State(base, log=log)))
+        odd = state.odd or (None if state.stopped else odd_run(task, state))
+        if odd is None:
+            break
+        campaign, seen, log = set_aside(campaign, [odd]), (*seen, odd), (*state.log, odd.text)
     notes += support.undetermined(undetermined, base)
-    task = Task(problem, tuple(campaign.noise_std), tuple(seen), tell, workers or Threads(), began + budget)
-    state = add_background(task, State(base))
-    state = search(task, state)
     notes += [STOPPED[state.stopped]] if state.stopped else []
     return diagnosis_of(campaign, task, state, base, undetermined, notes, began)
 

@@ -5,26 +5,22 @@ size."""
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from ..checks import NOTE, WARNING, Finding
 from ..checks.finding import number, quantity
 from ..core.state import COORDINATES
-from ..estimation.likelihood import settle
 from ..estimation.problem import Problem
 from ..estimation.processes import COLOURED, HUM, JITTER, NOISY_RUN, RUN_TO_RUN, WHITE, Process
-from ..estimation.shooting import linearise_all
-from . import background
-from .errors import of_runs, own_thetas
+from .belonging import odd_by
 from .moves import State, Task, shaken
 
 #: Noise that differs from what is stated by less than this part of it is not worth a word.
 WORTH_SAYING = 0.1
 #: Kinds that a fit sees better than the look at the data: where the fit has none, there is none.
 BETTER_SEEN = (COLOURED, HUM, JITTER)
-SHAKEN, BAD_RUN = "shaken", "bad_run"
+SHAKEN = "shaken"
 
 
 def findings(task: Task, state: State) -> tuple[Finding, ...]:
@@ -75,12 +71,8 @@ def _of_process(task: Task, state: State, p: Process) -> Finding | None:
             " channels at once"
         )
         return Finding(JITTER, NOTE, text, size={"std": float(p.size)})
-    if p.kind == RUN_TO_RUN and (run := _odd_run(task, state, p)):
-        text = (
-            f"{run} does not belong to the others: with it left out, {p.on} is the same in every run; was the rig"
-            " changed in between?"
-        )
-        return Finding(BAD_RUN, WARNING, text, "leave it out, or repeat it", run=run, size={"parameter": p.on})
+    if p.kind == RUN_TO_RUN and (odd := odd_by(task, state, p)):
+        return odd
     if p.kind == RUN_TO_RUN:
         share = _relative(state, p)
         text = (
@@ -100,24 +92,6 @@ def _whole(state: State, channel: str) -> float:
     return float(
         np.sqrt(sum(p.size**2 for p in state.fit.processes if p.on == channel and p.kind in (WHITE, COLOURED)))
     )
-
-
-def _odd_run(task: Task, state: State, p: Process) -> str:
-    """The name of the one run but for which a parameter is the same in all; empty where there is none."""
-    problem, f = task.problem, state.fit
-    if len(problem.runs) <= background.FEWEST_RUNS:
-        return ""
-    at = f.structure.free.index(p.on)
-    own = np.array([theta[at] for theta in own_thetas(problem, f)])
-    odd = int(np.argmax(np.abs(own - np.median(own))))
-    rest = [i for i in range(len(problem.runs)) if i != odd]
-    point, part = of_runs(f, rest), problem.subset(rest)
-    plain = linearise_all(part, point, f.structure)
-    fewer = replace(point, processes=tuple(q for q in point.processes if q != p))
-    with_it, without = (
-        settle(part, f.structure, plain, x, background.PASSES).evidence.deviance for x in (point, fewer)
-    )
-    return problem.runs[odd].run.name if without - with_it < background.price(part, task.given, (p,)) else ""
 
 
 def _relative(state: State, p: Process) -> float:

@@ -63,6 +63,7 @@ class State:
     rival_fits: Mapping[str, Fit] = field(default_factory=dict)  # the fits with those in its place
     far: bool = False  # more is missing than the search may add
     stopped: str = ""  # why the search was broken off; empty where it was not
+    odd: Finding | None = None  # a run to be set aside before the search goes on
 
     def cost(self, task: Task) -> float:
         """The deviance and what chance would have taken off it."""

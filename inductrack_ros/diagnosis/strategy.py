@@ -16,6 +16,7 @@ import numpy as np
 from ..estimation.likelihood import TOLERANCE
 from ..estimation.shooting import linearise_all
 from . import background
+from .belonging import odd_run
 from .leads import best_lead
 from .moves import (
     OutOfTime,
@@ -45,11 +46,13 @@ Stage = Callable[[Task, State], State]
 
 
 def search(task: Task, state: State) -> State:
-    """The state with everything that the data say is missing; what log and rig do besides was looked for before
-    (`add_background`)."""
+    """The state with everything that the data say is missing, or with a run that has to be set aside first; what log
+    and rig do besides was looked for before (`add_background`)."""
     start, revised = state, list[set[str]]()
     while True:
         state = _through(task, state, ADDING)
+        if state.odd:
+            return state
         if state.far and not state.stopped and (led := _led(task, start, state)) is not state:
             return led
         grown = set(state.added)
@@ -84,6 +87,8 @@ def _broken_off(state: State, stop: BaseException) -> State:
 def _through(task: Task, state: State, stages: Sequence[tuple[str, Stage]]) -> State:
     """All of some stages, one after the other, as far as there is time."""
     for name, stage in stages:
+        if state.odd:
+            break
         try:
             state = _repeated(task, state, name, stage)
         except (KeyboardInterrupt, OutOfTime) as stop:
@@ -125,6 +130,8 @@ def add_known(task: Task, state: State) -> State:
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
     pays = bool(screening.sets) and screening.sets[0].cost <= screening.scores.plain
     if pays and len(state.added) >= MOST_EFFECTS:
+        if (other := exchange(task, state)).added != state.added:  # a wrong one among them may be what leaves more
+            return other
         return replace(state.told(f"more would pay, but {MOST_EFFECTS} effects are the most that are sought"), far=True)
     if pays and (exact := exact_ones(task, state, closest(screening), screening.family)):
         return add_background(task, exact[0])  # what is read during a contact counts too: no cost compares with these
@@ -134,7 +141,9 @@ def add_known(task: Task, state: State) -> State:
     if tables and tables[0].gain > law_price():
         least = min((s.cost(task) for s in tried), default=screening.scores.plain)
         if screening.scores.plain - tables[0].gain + law_price() < least + NEAR:
-            tried.append(best_force(task, state, tables))
+            if (forced := best_force(task, state, tables)).odd:
+                return forced
+            tried.append(forced)
     if not tried:
         return state.told("no known effect explains more than chance would")
     found = min(tried, key=lambda s: s.cost(task))
@@ -161,7 +170,10 @@ def best_kept(task: Task, state: State, screening: Screening) -> State:
 
 
 def best_force(task: Task, state: State, tables: Sequence[Law]) -> State:
-    """The cheapest of the forces of any shape that gain most, when refitted and as smooth as the refit says."""
+    """The cheapest of the forces of any shape that gain most, when refitted and as smooth as the refit says; none while
+    a run is there that does not belong."""
+    if odd := odd_run(task, state):
+        return replace(state, odd=odd)
     near = [law for law in tables if law.gain > max(law_price(), tables[0].gain - NEAR)][:FORCES_REFITTED]
     return min((smoothed_anew(task, with_law(task, state, law)) for law in near), key=lambda s: s.cost(task))
 
@@ -196,6 +208,8 @@ def add_unknown(task: Task, state: State) -> State:
     if not tables or tables[0].gain < law_price():
         return state.told("no force of any shape is missing")
     new = best_force(task, state, tables)
+    if new.odd:
+        return new
     if new.cost(task) < state.cost(task):
         return add_background(task, new)
     return state.told(f"a force in {tables[0].acts_on} on {tables[0].variable} promises more than it keeps")
@@ -220,7 +234,7 @@ def exchange(task: Task, state: State) -> State:
     twins, fits = {}, {}
     for name in state.known:
         state, others = rivals(task, state, name)
-        if others and others[0].cost(task) < state.cost(task) - TOLERANCE and not state.stands_in:
+        if others and others[0].cost(task) < state.cost(task) - TOLERANCE:
             other = others[0].added[-1]
             return others[0].told(f"{other} instead of {name}" if other != name else f"{name} from another start")
         close = [o for o in others if o.added[-1] != name and o.fit.deviance < state.fit.deviance + TWINS]
