@@ -10,7 +10,7 @@ from test_checks import IMPACTS, POSE, changed, flown, kinds, measured
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look
 from inductrack_ros.checks.check import check
-from inductrack_ros.core.model import Model
+from inductrack_ros.core.model import Model, Pulses
 from inductrack_ros.core.state import CHANNELS, STATES
 from inductrack_ros.data import read_bag, read_csv, write_bag
 from inductrack_ros.reports.check_report import check_report
@@ -510,3 +510,15 @@ def test_a_channel_that_stands_still_where_its_noise_would_show_is_dead(odd, pos
     assert (found.kind, found.channel) == ("constant", "sway") and "would show" in found.text
     held = model.with_changes(dof=2)
     assert ("constant", "sway") not in {(f.kind, f.channel) for f in impossible(look(campaign, held))}
+
+
+def test_an_accelerometer_that_felt_no_pulse_is_the_same_one():
+    """Pulses come and go between the samples, so they look like noise. A run in which all but one came late is
+    quiet."""
+    rig = flown([(0.0, {"surge_rate": v}) for v in (16.0, 20.0, 24.0)], (*POSE, "surge_acceleration"), 300, 2e-3)
+    rng = np.random.default_rng(2)
+    felt = changed(rig, "surge_acceleration", lambda y: y + 40.0 * np.sign(rng.standard_normal(len(y))), "ab")
+    many, one = (Pulses(0.002 * np.arange(n), np.arange(n), np.full(n, 5000.0)) for n in (290, 1))
+    runs = [replace(r, pulses=one if r.name == "c" else many) for r in felt.runs]
+    found = look(replace(felt, runs=tuple(runs)), Model.create(drive="pulses"))
+    assert not [f for f in found if f.kind == "noise_differs"]

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..core.state import UNITS
+from ..core.state import ACCELERATIONS, UNITS
 from ..data import Campaign
 from . import levels
 from .finding import IMPOSSIBLE, WARNING, Finding, number, quantity
@@ -22,13 +22,17 @@ CLEARLY = 2.0
 
 def noises_apart(calm: Campaign) -> list[Finding]:
     """Findings about channels whose noise in one run is another than in the others by far; ``calm`` is the campaign
-    without impacts."""
+    without impacts.
+
+    An acceleration jumps with every pulse, as noise does: beside pulses its noise is that of the drive."""
+    pulsed = any(run.pulses is not None and len(run.pulses.times) for run in calm.runs)
+    channels = [c for c in calm.channels if not (pulsed and c in ACCELERATIONS)]
     apart = {
         run.name: {c: _noise(about) for c, about in channels_of(replace(calm, runs=(run,))).items()}
         for run in calm.runs
     }
-    found = [finding for channel in calm.channels if (finding := _odd(channel, apart)) is not None]
-    return found + [f for pair in combinations(calm.channels, 2) for f in _exchanged(*pair, apart)]
+    found = [finding for channel in channels if (finding := _odd(channel, apart)) is not None]
+    return found + [f for pair in combinations(channels, 2) for f in _exchanged(*pair, apart)]
 
 
 def _exchanged(one: str, other: str, apart: Mapping[str, Mapping[str, float]]) -> list[Finding]:
