@@ -119,6 +119,17 @@ def test_where_more_is_missing_than_may_be_added_the_lead_is_named(tmp_path, mon
     assert found.log[0] == "more would pay" and "open-loop" in found.log[1]
 
 
+def test_what_promises_much_and_keeps_none_says_that_something_is_missing(tmp_path, monkeypatch):
+    """No stage adds anything, and the scores still promise a thousand times what chance would."""
+    campaign = worse(tmp_path)
+    problem, base, _ = base_fit(campaign, Model.load(campaign.model))
+    monkeypatch.setattr(strategy, "ADDING", ())
+    monkeypatch.setattr(strategy, "REVISING", ())
+    found = strategy.search(Task(problem, ("heave",)), State(base))
+    assert found.far and found.verdict == "unknown_effect" and found.added == ("heave_damping",)
+    assert "promises much" in found.log[0] and "open-loop" in found.log[1]
+
+
 def test_a_ctrl_c_while_a_lead_is_sought_ends_the_search(monkeypatch):
     def interrupted(task, state):
         raise KeyboardInterrupt

@@ -45,13 +45,14 @@ def test_beside_one_at_its_bound_the_other_is_fitted_anew():
 
 
 def search_with(monkeypatch, add, revise) -> State:
-    """A search whose only stages turn the names that were added into others."""
+    """A search whose only stages turn the names that were added into others; nothing is promised beside these."""
 
     def stage(of):
         return lambda task, state: State(SimpleNamespace(deviance=0.0), tuple(of(state.added)))
 
     monkeypatch.setattr(strategy, "ADDING", (("add", stage(add)),))
     monkeypatch.setattr(strategy, "REVISING", (("revise", stage(revise)),))
+    monkeypatch.setattr(strategy, "unkept", lambda task, state: "")
     return strategy.search(Task(None), State(SimpleNamespace(deviance=0.0)))
 
 

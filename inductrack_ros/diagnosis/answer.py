@@ -21,7 +21,7 @@ from ..estimation.shooting import Fit, fit
 from . import background
 from .factor import Factor
 from .laws.result import Laws
-from .moves import State, Task, screened
+from .moves import State, Task
 from .result import Limit, Rival, Test, Unknown
 from .screening import WAVES, Screening
 from .settings import POWER, REFIT_STEPS
@@ -32,13 +32,6 @@ NOTHING_SAID = 100.0
 LISTED = 12
 #: Places at which runs have been that a report shows beside an unknown force, about.
 SEEN = 600
-
-
-def last_screening(task: Task, state: State) -> Screening:
-    """All candidates beside the answer."""
-    if state.rounds and state.rounds[-1][0] == state.added:
-        return state.rounds[-1][1]
-    return screened(task, state)
 
 
 def subsets(task: Task, state: State, base: Fit) -> dict[tuple[str, ...], Fit]:

@@ -246,9 +246,10 @@ def lean(problem: Problem, f: Fit, given: Sequence[str]) -> Fit:
     )
     if len(best.settled.processes) == len(f.processes):
         return f
-    return fit(
+    new = fit(
         problem, f.structure, replace(f.point, power=best.settled.power, processes=best.settled.processes), REFIT_STEPS
     )
+    return f if new.lost else new
 
 
 def dithered(problem: Problem, f: Fit) -> Fit:
@@ -266,7 +267,8 @@ def dithered(problem: Problem, f: Fit) -> Fit:
     )
     if processes == f.processes:
         return f
-    return fit(problem, f.structure, replace(f.point, processes=processes), REFIT_STEPS)
+    new = fit(problem, f.structure, replace(f.point, processes=processes), REFIT_STEPS)
+    return f if new.lost else new
 
 
 def timed(problem: Problem, f: Fit) -> Fit:

@@ -25,8 +25,8 @@ from .experiment import propose
 from .findings import SHAKEN, findings, hidden_by
 from .known import uncertainty_of
 from .laws.propose import propose_laws
-from .moves import State, Task
-from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Proposal
+from .moves import State, Task, last_screening
+from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Proposal, Unknown
 from .settings import FIRST_STEPS, UNDETERMINED
 from .sharpen import sharpen
 from .spikes import outlying
@@ -77,7 +77,7 @@ def diagnosis_of(
     """The diagnosis that the end of a search is."""
     problem, f = task.problem, state.fit
     effects, verdict = state.known, state.verdict
-    unknown, screening = answer.unknown_of(state, problem), answer.last_screening(task, state)
+    unknown, screening = answer.unknown_of(state, problem), last_screening(task, state)
     sigma = answer.sigma_found(task, state, background.noise_of_rounding(task.hints))
     task.tell("how well it predicts runs left out")
     base = answer.settled_base(task, state, base)
@@ -85,17 +85,8 @@ def diagnosis_of(
     path = [state.added[:k] for k in range(len(state.added) + 1)]
     steps = tuple(errors.step_of(problem, fits[p], sigma, p) for p in path)
     where = {p[-1]: errors.where_won(problem, fits[p[:-1]], fits[p], sigma) for p in path[1:]}
-    experiment, proposal = None, None
-    if state.stopped:
-        notes.append("what follows a search was left out: laws, the next experiment, sets of effects not on its way")
-    elif state.twins or verdict == "unknown_effect":
-        task.tell("which run would settle what is open")
-        experiment, proposal = propose(
-            problem, task.workers.map, f, state.rival_fits, state.twins, unknown, undetermined
-        )
-    elif campaign.sharpen:
-        experiment, proposal, more = sharpened(campaign.sharpen, task, f)
-        notes += more
+    experiment, proposal, more = what_next(campaign, task, state, verdict, unknown, undetermined)
+    notes += more
     found = findings(task, state)
     if swallowing := hidden_by(found):
         notes.append(f"{swallowing} can hide effects too: what would have shown is listed with that reckoned in")
@@ -132,6 +123,20 @@ def diagnosis_of(
         uncertainty=uncertainty_of(f),
         laws=laws,
     )
+
+
+def what_next(
+    campaign: Campaign, task: Task, state: State, verdict: str, unknown: Unknown | None, undetermined: Sequence[str]
+) -> tuple[str | None, Proposal | None, list[str]]:
+    """The run that would settle what is open, or sharpen what the campaign asks for, in words and as numbers; notes."""
+    if state.stopped:
+        note = "what follows a search was left out: laws, the next experiment, sets of effects not on its way"
+        return None, None, [note]
+    if state.twins or verdict == "unknown_effect":
+        task.tell("which run would settle what is open")
+        each = task.workers.map
+        return *propose(task.problem, each, state.fit, state.rival_fits, state.twins, unknown, undetermined), []
+    return sharpened(campaign.sharpen, task, state.fit) if campaign.sharpen else (None, None, [])
 
 
 def sharpened(name: str, task: Task, f: Fit) -> tuple[str | None, Proposal | None, list[str]]:

@@ -25,12 +25,14 @@ def best_lead(task: Task, state: State) -> State | None:
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
     error, _ = _flown(task, state.fit.structure, state.fit.point)
     tried = [(one, *_with(task, state, one)) for one in screening.singles]
-    best, left, structure, point = min(tried, key=lambda t: t[1])
-    if not left < LEAD * error:
-        return None
-    new = fit(task.problem, structure, point, REFIT_STEPS)
-    line = f"{best.members[0].name}: open-loop χ² per sample {error:.3g} -> {left:.3g}"
-    return grown(state, best, screening.family, new).told(line)
+    for one, left, structure, point in sorted(tried, key=lambda t: t[1]):
+        if not left < LEAD * error:
+            break
+        new = fit(task.problem, structure, point, REFIT_STEPS)
+        if not new.lost:
+            line = f"{one.members[0].name}: open-loop χ² per sample {error:.3g} -> {left:.3g}"
+            return grown(state, one, screening.family, new).told(line)
+    return None
 
 
 def _with(task: Task, state: State, one: CandidateSet) -> tuple[float, Structure, Point]:

@@ -114,6 +114,13 @@ def screened(task: Task, state: State, systems: Sequence[LinearRun] | None = Non
     return screen(task.problem, state.fit, systems, beside, wavy)
 
 
+def last_screening(task: Task, state: State) -> Screening:
+    """All candidates beside the answer."""
+    if state.rounds and state.rounds[-1][0] == state.added:
+        return state.rounds[-1][1]
+    return screened(task, state)
+
+
 def law_price() -> float:
     """Twice the log evidence by which a force of any shape wrongly stands out in `LEVEL` of campaigns, at the most (a
     Bayes factor, laws counted)."""

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.likelihood import TOLERANCE
+from ..estimation.likelihood import TOLERANCE, Lost
 from ..estimation.shooting import linearise_all
 from . import background
 from .belonging import odd_run
@@ -24,6 +24,7 @@ from .moves import (
     Task,
     all_refitted,
     exact_ones,
+    last_screening,
     law_price,
     rivals,
     screened,
@@ -57,12 +58,23 @@ def search(task: Task, state: State) -> State:
             return led
         grown = set(state.added)
         if state.stopped or revised and grown == revised[-1]:
-            return state
+            break
         state = _through(task, state, REVISING)
         left = set(state.added)
         if state.stopped or left == grown or left in revised:
-            return state
+            break
         revised.append(left)  # something went: what is missing beside the rest is asked anew
+    if state.stopped or state.verdict == "unknown_effect" or not (promise := unkept(task, state)):
+        return state
+    return _led(task, start, replace(state.told(f"{promise} promises much beside that, and keeps none"), far=True))
+
+
+def unkept(task: Task, state: State) -> str:
+    """The single effect that promises far more beside an answer than it costs, although no refit kept that; empty where
+    none does. Then what is missing is none of the known effects, and these are only like it."""
+    screening = last_screening(task, state)
+    best = next(iter(screening.singles), None)
+    return best.members[0].name if best and best.cost < screening.scores.plain - NEAR else ""
 
 
 def _led(task: Task, start: State, found: State) -> State:
@@ -74,6 +86,8 @@ def _led(task: Task, start: State, found: State) -> State:
         if lead is None:
             return found
         state = add_background(task, lead)
+    except Lost:  # a model that leads beyond all numbers is no lead
+        return found
     except (KeyboardInterrupt, OutOfTime) as stop:
         return _broken_off(found, stop)
     return replace(state, far=True, log=(*found.log, *state.log[len(start.log) :]))
