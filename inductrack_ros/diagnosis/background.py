@@ -14,7 +14,7 @@ from scipy import stats
 
 from ..checks import Finding
 from ..estimation.kalman import LinearRun
-from ..estimation.likelihood import Point, Settled, settle
+from ..estimation.likelihood import TOLERANCE, Point, Settled, settle
 from ..estimation.problem import Problem
 from ..estimation.processes import (
     COLOURED,
@@ -272,10 +272,18 @@ def dithered(problem: Problem, f: Fit) -> Fit:
 
 
 def timed(problem: Problem, f: Fit) -> Fit:
-    """A fit with the times of its coloured noise and the frequency of its hum where the deviance is least, by
-    parabolas."""
-    if f.lost:
-        return f
+    """A fit with the times of its coloured noise and the frequency of its hum where the deviance is least."""
+    for _ in range(PASSES):
+        new = f if f.lost else _timed_once(problem, f)
+        if not new.deviance < f.deviance - TOLERANCE:
+            break
+        f = new
+    return f
+
+
+def _timed_once(problem: Problem, f: Fit) -> Fit:
+    """One step of each time, by a parabola. What readings tell best of coloured noise is how it differs from one to the
+    next, so its size moves with the root of its time."""
     plain = linearise_all(problem, f)
     processes = f.processes
     longest = problem.length
@@ -288,8 +296,12 @@ def timed(problem: Problem, f: Fit) -> Fit:
         step = TIME_STEP if kind == COLOURED else TURN_STEP * period / longest
 
         def moved(by: float, kind=kind, on=on, processes=processes) -> tuple[Process, ...]:
+            grows = 0.5 * by if kind == COLOURED else 0.0
             return tuple(
-                replace(p, time=p.time * np.exp(by)) if p.kind == kind and p.on in on else p for p in processes
+                replace(p, time=p.time * np.exp(by), size=p.size * np.exp(grows))
+                if p.kind == kind and p.on in on
+                else p
+                for p in processes
             )
 
         low, here, high = (_deviance(problem, f, plain, moved(by)) for by in (-step, 0.0, step))
