@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether one run does not belong to the others: the rig was another one then.
 
-Known effects may explain it. Where none does, it is left out and the search begins anew; before a force of any shape is
-sought, for a table finds room for such a run wherever that run alone has been."""
+Known effects may explain it. Where none does, it is left out and the search begins anew. That comes before a force of
+any shape is sought: a table finds room for such a run wherever that run alone has been."""
 
 from __future__ import annotations
 

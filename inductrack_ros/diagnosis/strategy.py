@@ -78,9 +78,10 @@ def unkept(task: Task, state: State) -> str:
 
 
 def _led(task: Task, start: State, found: State) -> State:
-    """From where the search began: the one effect with which a model far from the rig predicts the runs best, in the
-    place of all that was found; that itself where no effect explains more than it leaves. The next is asked for once
-    it is added."""
+    """The one effect with which a model far from the rig predicts the runs best, in the place of all that was found.
+
+    It is sought from where the search began. Where no effect explains more than it leaves, what was found stays. The
+    next effect is asked for once this one is added."""
     try:
         lead = best_lead(task, start)
         if lead is None:
