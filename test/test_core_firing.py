@@ -79,3 +79,21 @@ def test_a_run_proposed_for_a_pulsed_drive_is_driven(model, monkeypatch):
         {"viscous_drag": fits["viscous_drag"]}, {}, None, (),
     )  # fmt: skip
     assert run.current == CURRENT and "3500 A" in words
+
+
+def test_no_run_is_said_to_settle_what_is_alike_in_motion(model, monkeypatch):
+    """Of resistance and inductance only the ratio shows. A refit that pulses and seconds of flight lead astray would
+    tell them apart by dozens of sigmas."""
+    rig = Model.create(drive="pulses", effects={"track_resistance": {"relative_change": 0.03}})
+    problem = Problem(campaign_of(rig), model, NOISE)
+    one, other = (
+        fit(problem, Structure(model, ("eta", "gamma")).plus(n)) for n in ("track_resistance", "track_inductance")
+    )
+    monkeypatch.setattr(experiment, "SPEEDS", (42.0,))
+    monkeypatch.setattr(experiment, "CURRENTS", (CURRENT,))
+    monkeypatch.setattr(experiment, "DURATIONS", (3.0,))
+    twins = {"track_resistance": ("track_inductance",)}
+    words, run = propose(
+        problem, lambda f, them: [f(x) for x in them], one, {"track_inductance": other}, twins, None, ()
+    )
+    assert run.least < 2.0 and "Only their ratio shows in motion" in words

@@ -76,9 +76,8 @@ def test_the_proposed_run_stays_within_them(question, monkeypatch):
     limits = question[0].limits
     monkeypatch.setattr(experiment, "ENOUGH", 1e9)  # the whole menu is tried
     # The longest and fastest.
-    monkeypatch.setattr(
-        experiment, "_separation", lambda made, starts, rival, undetermined: float(len(made.runs[0].y) + starts[0][4])
-    )
+    for told in ("_expected", "_separation"):
+        monkeypatch.setattr(experiment, told, lambda made, *_: float(len(made.runs[0].y) + made.runs[0].guess[4]))
     _, _, free = proposed(question, Limits())
     assert not limits.allow("surge_rate", free.speed)
     problem, words, run = proposed(question, limits)
@@ -98,7 +97,8 @@ def test_the_proposed_run_stays_within_them(question, monkeypatch):
 
 def test_contact_only_where_it_is_asked_for(question, monkeypatch):
     # The slowest: it lands.
-    monkeypatch.setattr(experiment, "_separation", lambda made, starts, rival, undetermined: 1.0 / starts[0][4])
+    for told in ("_expected", "_separation"):
+        monkeypatch.setattr(experiment, told, lambda made, *_: 1.0 / made.runs[0].guess[4])
     ranges = {"surge_rate": (0.0, 24.0), "drive_current": (0.0, 1000.0)}
     monkeypatch.setattr(
         experiment, "menu", lambda limits, name, usual: (12.0, 24.0) if name == "surge_rate" else (0.0,)

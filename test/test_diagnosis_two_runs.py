@@ -57,8 +57,10 @@ def test_two_runs_where_none_settles_it_alone(question, monkeypatch):
     both = []
     for run in (two, two.second):
         assert problem.limits.allow("surge_rate", run.speed) and problem.limits.allow("drive_current", run.current)
-        made, start = experiment.made_run(problem, drag.model, run.speed, run.current, run.offsets, run.duration, False)
-        both.append(experiment._separation(made, [start], viscous, ()))
+        made = experiment.made_run(
+            problem, drag.model, experiment.MenuRun(run.speed, run.current, run.offsets, run.duration)
+        )
+        both.append(experiment._separation(made, drag, viscous, ()))
     together = two.sigmas["viscous_drag"]
     assert max(both) <= one * 1.001 and together >= 1.05 * one
     assert together > 0.97 * np.hypot(*both)  # one set of parameters for both runs

@@ -17,7 +17,7 @@ from independent import clarity, hidden_effects, hiding
 
 from inductrack_ros.core.model import Model, Pulses, Trajectory
 from inductrack_ros.core.rig import Rig
-from inductrack_ros.core.state import GAPS, INDEX, STATES
+from inductrack_ros.core.state import GAPS, INDEX, INSTRUMENTS, STATES
 from inductrack_ros.data import write_bag
 from inductrack_ros.nodes.detectors import Photodiodes
 from inductrack_ros.nodes.drive import Pulse, PulseQueue
@@ -100,21 +100,40 @@ class Experiment(clarity.Experiment):
     a start of its own: to first order that is linear, and what shows is never less."""
 
     def __init__(self, runs, noise, eta, gamma, hidden=()):
-        model = model_of(eta, gamma, list(hidden))
+        model, self.whole = model_of(eta, gamma, list(hidden)), runs
         super().__init__([w for run in runs for w in _windows(run, model)], list(noise), noise, eta, gamma)
 
+    def shown(self, effect: dict) -> float:
+        """How clearly an effect would show in these runs."""
+        noise = dict(zip(self.channels, self.noise, strict=True))
+        with_it = Experiment(self.whole, noise, self.eta, self.gamma, [effect])
+        return clarity.signals(with_it, [effect])[0]["signal_after_nuisance"]
+
     def one(self, index, start, eta, gamma, hidden):
-        run = self.runs[index]
-        flown = model_of(eta, gamma, hidden).simulate(run["times"], start, pulses=run["pulses"])
-        return (flown.outputs[:, [INDEX[c] for c in self.channels]] / self.noise).ravel()
+        run, model = self.runs[index], model_of(eta, gamma, hidden)
+        if len(run["carried"]) and model.carries_states:
+            start = np.concatenate([start, run["carried"]])
+        flown = model.simulate(run["times"], start, pulses=run["pulses"])
+        readings = flown.outputs[:, [INDEX[c] for c in self.channels]] / self.noise
+        for k, channel in enumerate(self.channels):
+            readings[np.arange(len(readings)) % every(channel) > 0, k] = np.nan
+        return readings.ravel()
+
+
+def every(channel: str) -> int:
+    """Of how many ticks a sensor delivers one."""
+    return round(RATE / next(i.rate for i in INSTRUMENTS.values() if channel in i.channels))
 
 
 def _windows(run: dict, model: Model) -> list[dict]:
-    """A run in pieces of `WINDOW` s, each from where the model has come."""
-    states = model.simulate(run["times"], run["start"], pulses=run["pulses"]).states
-    length = round(WINDOW * RATE)
-    cuts = range(0, len(states) - length, length)
-    return [{**run, "times": run["times"][k : k + length], "start": states[k]} for k in cuts]
+    """A run in pieces of `WINDOW` s, each from where the model has come; ``carried`` are the states of its effects
+    there, which no start of a window sets anew."""
+    state, length, found = run["start"], round(WINDOW * RATE), []
+    for k in range(0, len(run["times"]) - length, length):
+        times = run["times"][k : k + length + 1]
+        found.append({**run, "times": times[:-1], "start": state[:8], "carried": state[8:]})
+        state = model.simulate(times, state, pulses=run["pulses"]).final
+    return found
 
 
 def model_of(eta: float, gamma: float, hidden: list[dict]) -> Model:
@@ -148,13 +167,18 @@ def flown(runs: list[dict], model: Model, controller: str) -> list[dict]:
 
 
 def draw_hidden(rng, kind: str, experiment: Experiment, faint: float, clear: float) -> list[dict]:
-    """One or two effects that show by about a drawn signal, sized on the runs of a complete rig."""
+    """One or two effects that show by about a drawn signal, sized on the runs of a complete rig. One that has no size
+    and hardly shows is replaced by another."""
     number = {"nothing": 0, "single": 1, "two": 2}[kind]
     jacobians = experiment.nuisance([]) if number else None
-    hidden = []
-    for name in rng.choice(EFFECTS, number, replace=False).tolist():
+    names, hidden = rng.choice(EFFECTS, number, replace=False).tolist(), []
+    while names:
         target = hidden_effects.log_uniform(rng, faint, clear)
-        hidden.append(hiding.draw_effect(rng, name, experiment, lambda past: jacobians, target))
+        effect = hiding.draw_effect(rng, names.pop(0), experiment, lambda past: jacobians, target)
+        if effect["scaled"] or experiment.shown(effect) > faint:
+            hidden.append(effect)
+        else:
+            names.append(str(rng.choice([n for n in EFFECTS if n != effect["effect"]])))
     return hidden
 
 

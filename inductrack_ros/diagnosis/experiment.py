@@ -3,14 +3,16 @@
 
 For each run of the menu the truth is taken to be the chosen model. Each rival gets its best chance: the run's initial
 state and the rival's parameters are refitted within what is known of them. The difference that remains is its
-separation in sigmas. No run leaves the limits that the campaign gives."""
+separation in sigmas. All runs are looked at to first order, and a few that promise most are refitted. No run leaves the
+limits that the campaign gives."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,11 +22,14 @@ from ..core.model import Model
 from ..core.state import GAPS, INDEX, MOTION, STATES
 from ..data.limits import Limits
 from ..data.measurement import Run
-from ..estimation import fit as deterministic
+from ..estimation import columns, shooting
+from ..estimation.likelihood import Lost, Point, weigh
 from ..estimation.problem import Problem, lay_out
+from ..estimation.processes import IMPACT
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from .result import Proposal, Unknown
+from .settings import REFIT_STEPS
 
 SPEEDS = (12.0, 16.0, 20.0, 26.0, 34.0, 42.0)
 CURRENTS = (0.0, 3500.0, 7000.0)
@@ -35,10 +40,25 @@ SHORT = (0.3,)
 RATE = 250.0
 #: A run that sets every rival apart by so many sigmas settles the question.
 SETTLED = 3.0
-#: Runs of which pairs are looked at: those that tell the most alone.
-PAIRED = 5
+#: Runs of which the rivals are refitted, and of which pairs are looked at: those that promise most.
+LOOKED = 5
 #: Runs that set every rival apart by so many sigmas will do; no wilder ones are looked at then.
 ENOUGH = 8.0
+
+
+class MenuRun(NamedTuple):
+    """A run that could be made: speed (m/s), drive current (A), offsets of heave, sway (m) and roll (rad) at the start,
+    duration (s), and whether it may touch the track."""
+
+    speed: float
+    current: float
+    offsets: tuple[float, float, float]
+    duration: float
+    contact: bool = False
+
+    def proposal(self, sigmas: Mapping[str, float], std_after: Mapping[str, float] | None = None) -> Proposal:
+        """The run with what it would tell."""
+        return Proposal(self.speed, self.current, self.offsets, self.duration, sigmas, std_after or {})
 
 
 def propose(
@@ -57,41 +77,35 @@ def propose(
     if not rivals:
         return (None if unknown is None else _look_closer(unknown)), None
 
-    def tried(run: tuple) -> Proposal | None:
-        speed, current, offsets, duration, contact = run
-        if (made := made_run(problem, chosen.model, speed, current, offsets, duration, contact)) is None:
+    def apart(run: MenuRun, separation: Callable) -> Proposal | None:
+        if (made := made_run(problem, chosen.model, run)) is None:
             return None
-        return Proposal(
-            speed,
-            current,
-            offsets,
-            duration,
-            {n: _separation(made[0], [made[1]], f, undetermined) for n, f in rivals.items()},
-        )
+        return run.proposal({n: separation(made, chosen, f, undetermined) for n, f in rivals.items()})
 
-    best, most = None, 0.0
-    tried_all: list[Proposal] = []
     limits = problem.limits
-    speeds, currents = menu(limits, "surge_rate", SPEEDS), menu(limits, "drive_current", CURRENTS)
-    durations = (*SHORT, *DURATIONS) if limits.ranges else DURATIONS
-    # The gentlest first.
-    for contact, duration, current, offsets in product(
-        (False, True) if limits.contact else (False,), durations, currents, OFFSETS
-    ):
-        found = at_once(tried, [(speed, current, offsets, duration, contact) for speed in speeds])
-        for proposal in [p for p in found if p is not None]:
-            tried_all.append(proposal)
-            if (apart := min(proposal.sigmas.values())) > most:
-                best, most = proposal, apart
-        if most > ENOUGH:
+    promised: dict[MenuRun, float] = {}
+    tried: dict[MenuRun, Proposal] = {}
+
+    def refit(runs: Sequence[MenuRun]) -> None:
+        found = at_once(lambda run: apart(run, _separation), runs)
+        tried.update((run, p) for run, p in zip(runs, found, strict=True) if p is not None)
+
+    for runs in batches(limits):
+        found = at_once(lambda run: apart(run, _expected), runs)
+        promised |= {run: p.least for run, p in zip(runs, found, strict=True) if p is not None}
+        refit([run for run in runs if promised.get(run, 0.0) > ENOUGH])
+        if any(p.least > ENOUGH for p in tried.values()):
             break
+    else:
+        refit(sorted(promised.keys() - tried, key=lambda run: -promised[run])[:LOOKED])
+    best = max(tried.values(), key=lambda p: p.least, default=None)
     if best is None:
         return ("no run within the campaign's limits sets apart what is open" if limits.ranges else None), None
     gains = ", ".join(f"{n} by {s:.1f} sigmas" for n, s in best.sigmas.items())
-    if min(best.sigmas.values()) < SETTLED and (two := pair(problem, at_once, chosen, rivals, tried_all, undetermined)):
+    if best.least < SETTLED and (two := pair(problem, chosen, rivals, list(tried), undetermined)):
         gains = ", ".join(f"{n} by {s:.1f} sigmas" for n, s in two.sigmas.items())
         return f"no single run settles it, two do: {two.words}: together they set apart {gains}", two
-    if min(best.sigmas.values()) < SETTLED:
+    if best.least < SETTLED:
         return (
             f"no single run of this kind settles it; the best ({best.words}) sets apart {gains}. {_other_means(twins)}",
             best,
@@ -99,38 +113,35 @@ def propose(
     return f"{best.words}: sets apart {gains}", best
 
 
+def batches(limits: Limits) -> Iterator[list[MenuRun]]:
+    """The menu: runs of all speeds at a time, the gentlest first."""
+    speeds, currents = menu(limits, "surge_rate", SPEEDS), menu(limits, "drive_current", CURRENTS)
+    durations = (*SHORT, *DURATIONS) if limits.ranges else DURATIONS
+    touching = (False, True) if limits.contact else (False,)
+    for contact, duration, current, offsets in product(touching, durations, currents, OFFSETS):
+        yield [MenuRun(speed, current, offsets, duration, contact) for speed in speeds]
+
+
 def pair(
-    problem: Problem,
-    at_once: Callable[[Callable, Sequence], list],
-    chosen: Fit,
-    rivals: Mapping[str, Fit],
-    tried: Sequence[Proposal],
-    undetermined: Sequence[str],
+    problem: Problem, chosen: Fit, rivals: Mapping[str, Fit], runs: Sequence[MenuRun], undetermined: Sequence[str]
 ) -> Proposal | None:
-    """Two of the runs that together set every rival apart by `SETTLED` sigmas; None where none of those looked at do.
+    """Two of the runs that together set every rival apart by `SETTLED` sigmas; None where none do that promise it.
 
     A rival that is fitted to both at once has one set of parameters for them, so it is at least as far off as the two
     separations say together, √(a² + b²), and further where the runs pull at different parameters."""
-    told = sorted(tried, key=lambda p: -sum(s**2 for s in p.sigmas.values()))[:PAIRED]
 
-    def together(both: tuple[Proposal, Proposal]) -> Proposal | None:
-        runs = [
-            made_run(problem, chosen.model, p.speed, p.current, p.offsets, p.duration, contact)
-            for p in both
-            for contact in ((False, True) if problem.limits.contact else (False,))
-        ]
-        found = [made for made in runs if made is not None]
-        if len(found) != 2:
-            return None
+    def apart(both: tuple[MenuRun, MenuRun], separation: Callable) -> Proposal:
+        found = [made for run in both if (made := made_run(problem, chosen.model, run)) is not None]
         joint = problem.subset([0])
-        joint.runs, joint.variances = tuple(single.runs[0] for single, _ in found), ()
-        starts = [start for _, start in found]
-        sigmas = {n: _separation(joint, starts, f, undetermined) for n, f in rivals.items()}
-        return replace(both[0], sigmas=sigmas, second=replace(both[1], sigmas={}))
+        joint.runs, joint.variances = tuple(single.runs[0] for single in found), ()
+        sigmas = {n: separation(joint, chosen, f, undetermined) for n, f in rivals.items()}
+        return replace(both[0].proposal(sigmas), second=both[1].proposal({}))
 
-    found = [p for p in at_once(together, list(combinations(told, 2))) if p is not None]
-    best = max(found, key=lambda p: min(p.sigmas.values()), default=None)
-    return best if best is not None and min(best.sigmas.values()) >= SETTLED else None
+    promised = {both: apart(both, _expected).least for both in combinations(runs, 2)}
+    for both in sorted(promised, key=lambda b: -promised[b])[:LOOKED]:
+        if promised[both] >= SETTLED and (found := apart(both, _separation)).least >= SETTLED:
+            return found
+    return None
 
 
 def menu(limits: Limits, name: str, usual: Sequence[float]) -> tuple[float, ...]:
@@ -141,11 +152,10 @@ def menu(limits: Limits, name: str, usual: Sequence[float]) -> tuple[float, ...]
     return tuple(min(max(float(f"{v:.3g}"), low), high) for v in np.linspace(low, high, len(usual)))
 
 
-def made_run(
-    problem: Problem, model: Model, speed, current, offsets, duration, contact: bool
-) -> tuple[Problem, np.ndarray] | None:
-    """A run of the menu as the chosen model has it, and its exact start; None where it is not to be had with (without)
-    contact."""
+def made_run(problem: Problem, model: Model, planned: MenuRun) -> Problem | None:
+    """A run of the menu as the chosen model has it, its first guess the exact start; None where it is not to be had
+    with (without) contact."""
+    speed, current, offsets, duration, contact = planned
     start = model.initial_state(surge_rate=speed, drive_current=current)
     for i, offset in zip((INDEX["heave"], INDEX["sway"], INDEX["roll"]), offsets, strict=True):
         start[i] += offset
@@ -171,21 +181,40 @@ def made_run(
     single.runs = (lay_out(run, model, problem.channels, problem.dof),)
     exact = start[:8].copy()
     single.runs = (replace(single.runs[0], y=_read(single, model, exact), guess=exact),)
-    return single, exact
+    return single
 
 
-def _separation(made: Problem, starts: Sequence[np.ndarray], rival: Fit, undetermined: Sequence[str]) -> float:
+def _separation(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str]) -> float:
     """√χ² that a rival is left with on the runs made, after refitting their initial states and, as far as the runs so
-    far leave room, its parameters."""
+    far leave room, its parameters; infinite where it leads beyond all numbers."""
+    prior, point = _begun(made, chosen, rival, undetermined)
+    return _left(made, prior, shooting.fit(made, prior, point, REFIT_STEPS).point)
+
+
+def _expected(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str]) -> float:
+    """`_separation` to first order about the runs as the chosen model flies them; 0 where nothing is to be had."""
+    left = _left(made, *_begun(made, chosen, rival, undetermined))
+    return left if np.isfinite(left) else 0.0
+
+
+def _begun(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str]) -> tuple[Structure, Point]:
+    """The rival with what is known of its parameters, and the runs' trajectories as the chosen model flies them."""
     prior = rival.structure.knowing(rival.theta, rival.covariance, undetermined)
-    theta = prior.centre
+    paths = [shooting.flown(made, chosen.structure, i, chosen.theta, d.guess) for i, d in enumerate(made.runs)]
+    if prior.model.carries_states:
+        paths = [columns.carried(made, prior, i, path) for i, path in enumerate(paths)]
+    touch = tuple(p for p in chosen.processes if p.kind == IMPACT)
+    return prior, Point(prior.centre, tuple(paths), np.zeros(4), touch)
 
-    def left(g: deterministic.Fit) -> float:
-        return float(np.sqrt(max(g.chi2 + prior.surprise(g.theta), 0.0)))
 
-    near = left(deterministic.fit(made, prior, starts, theta, iterations=10, tolerance=0.1))
-    # It may only have been stuck.
-    return near if near < ENOUGH else min(near, left(deterministic.fit_from_scratch(made, prior, theta)))
+def _left(made: Problem, structure: Structure, point: Point) -> float:
+    """√χ² of the readings and of what is known of theta, to first order about a point, where nothing shakes the
+    cradle."""
+    try:
+        found = weigh(made, structure, shooting.linearise_all(made, point, structure), point.theta, np.zeros(4))
+    except Lost:
+        return np.inf
+    return float(np.sqrt(found.chi2 + structure.surprise(point.theta + found.step)))
 
 
 def _read(problem: Problem, model, start: np.ndarray) -> np.ndarray:

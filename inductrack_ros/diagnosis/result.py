@@ -157,6 +157,11 @@ class Proposal:
         return numbers | ({"second": self.second.to_json()} if self.second else {})
 
     @property
+    def least(self) -> float:
+        """By how many sigmas the rival nearest to the model would miss it."""
+        return min(self.sigmas.values(), default=0.0)
+
+    @property
     def words(self) -> str:
         """The run, or both, in words."""
         drive = f"driven at {self.current:.0f} A" if self.current else "coasting"

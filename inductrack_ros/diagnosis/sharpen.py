@@ -7,6 +7,7 @@ with its own initial state fitted too. Of runs that do almost as well the gentle
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from ..estimation.problem import Problem
 from ..estimation.shooting import Fit
 from . import experiment
+from .experiment import MenuRun
 from .result import Proposal
 
 #: A gentler run is taken where it leaves the parameter no more than this share wider than the best.
@@ -31,7 +33,7 @@ def sharpen(
     speeds = experiment.menu(limits, "surge_rate", experiment.SPEEDS)
     currents = experiment.menu(limits, "drive_current", experiment.CURRENTS)
     durations = (*experiment.SHORT, *experiment.DURATIONS) if limits.ranges else experiment.DURATIONS
-    runs = [(v, i, o, t) for t, i, o, v in product(durations, currents, experiment.OFFSETS, speeds)]
+    runs = [MenuRun(v, i, o, t) for t, i, o, v in product(durations, currents, experiment.OFFSETS, speeds)]
     told = at_once(lambda run: information(problem, f, run), runs)
     known = np.linalg.pinv(f.covariance, hermitian=True)
     made = [(run, M) for run, M in zip(runs, told, strict=True) if M is not None]
@@ -50,25 +52,23 @@ def sharpen(
     best = min(pairs.values(), default=np.inf)
     twice = min(left(M, M) for _, M in made)
     now, then = f.deviations[name], value(singles[first])
-    one = Proposal(*made[first][0], sigmas={}, std_after={name: then})
+    one = made[first][0].proposal({}, {name: then})
     said = f"{one.words}: would bring the standard deviation of {name} from {now:.2g} to {then:.2g}"
     if not best < WORTH_TWO * twice:
         return said, one
     i, j = next(pair for pair, s in pairs.items() if s <= GENTLER * best)
     after = {name: value(pairs[i, j])}
-    two = Proposal(*made[i][0], sigmas={}, std_after=after, second=Proposal(*made[j][0], sigmas={}))
+    two = replace(made[i][0].proposal({}, after), second=made[j][0].proposal({}))
     return f"{said}; two runs, {two.words}: to {after[name]:.2g}", two
 
 
-def information(problem: Problem, f: Fit, run: tuple) -> np.ndarray | None:
+def information(problem: Problem, f: Fit, run: MenuRun) -> np.ndarray | None:
     """What a run of the menu tells of theta, (g, g): the inverse of the covariance that it alone would leave. None
     where there is no such run within the limits, off the track."""
-    speed, current, offsets, duration = run
-    made = experiment.made_run(problem, f.model, speed, current, offsets, duration, False)
+    made = experiment.made_run(problem, f.model, run)
     if made is None:
         return None
-    single, start = made
-    (linear,) = single.linearise(f.structure, f.theta, [start])
+    (linear,) = made.linearise(f.structure, f.theta, [made.runs[0].guess])
     there = np.logical_and(np.isfinite(linear.by_theta).all(axis=1), np.isfinite(linear.by_state).all(axis=1))
     by_theta, by_state = linear.by_theta[there], linear.by_state[there]
     if by_state.shape[1]:
