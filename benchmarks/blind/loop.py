@@ -100,14 +100,8 @@ class Experiment(clarity.Experiment):
     a start of its own: to first order that is linear, and what shows is never less."""
 
     def __init__(self, runs, noise, eta, gamma, hidden=()):
-        model, self.whole = model_of(eta, gamma, list(hidden)), runs
+        model = model_of(eta, gamma, list(hidden))
         super().__init__([w for run in runs for w in _windows(run, model)], list(noise), noise, eta, gamma)
-
-    def shown(self, effect: dict) -> float:
-        """How clearly an effect would show in these runs."""
-        noise = dict(zip(self.channels, self.noise, strict=True))
-        with_it = Experiment(self.whole, noise, self.eta, self.gamma, [effect])
-        return clarity.signals(with_it, [effect])[0]["signal_after_nuisance"]
 
     def one(self, index, start, eta, gamma, hidden):
         run, model = self.runs[index], model_of(eta, gamma, hidden)
@@ -166,16 +160,16 @@ def flown(runs: list[dict], model: Model, controller: str) -> list[dict]:
     return found
 
 
-def draw_hidden(rng, kind: str, experiment: Experiment, faint: float, clear: float) -> list[dict]:
+def draw_hidden(rng, kind: str, experiment: Experiment, shown, faint: float, clear: float) -> list[dict]:
     """One or two effects that show by about a drawn signal, sized on the runs of a complete rig. One that has no size
-    and hardly shows is replaced by another."""
+    and hardly shows is replaced by another; ``shown``: how clearly an effect shows in runs flown with it."""
     number = {"nothing": 0, "single": 1, "two": 2}[kind]
     jacobians = experiment.nuisance([]) if number else None
     names, hidden = rng.choice(EFFECTS, number, replace=False).tolist(), []
     while names:
         target = hidden_effects.log_uniform(rng, faint, clear)
         effect = hiding.draw_effect(rng, names.pop(0), experiment, lambda past: jacobians, target)
-        if effect["scaled"] or experiment.shown(effect) > faint:
+        if effect["scaled"] or shown(effect) > faint:
             hidden.append(effect)
         else:
             names.append(str(rng.choice([n for n in EFFECTS if n != effect["effect"]])))
@@ -197,7 +191,13 @@ def write_campaign(folder: Path, seed: int, kind: str, faint: float = 15.0, clea
     complete = model_of(eta, gamma, [])
     runs = draw_runs(rng, controller, complete)
     plain = Experiment(flown(runs, complete, controller), noise, eta, gamma)
-    hidden = draw_hidden(rng, inside, plain, faint, clear)
+
+    def shown(effect: dict) -> float:
+        some = flown(runs, model_of(eta, gamma, [effect]), controller)
+        signal = clarity.signals(Experiment(some, noise, eta, gamma, [effect]), [effect])[0]
+        return signal["signal_after_nuisance"]
+
+    hidden = draw_hidden(rng, inside, plain, shown, faint, clear)
     rig = model_of(eta, gamma, hidden)
     runs = flown(runs, rig, controller)
     further = flown(draw_runs(rng, controller, complete)[:2], rig, controller)
