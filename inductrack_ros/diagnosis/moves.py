@@ -60,7 +60,7 @@ class State:
     rounds: tuple[tuple[tuple[str, ...], Screening], ...] = ()
     freedom: tuple[tuple[str, float], ...] = ()  # what that of each force of any shape costs
     twins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by effect, what the data cannot tell from it
-    rival_fits: Mapping[str, Fit] = field(default_factory=dict)  # the fits with those in its place
+    rivals: Mapping[str, State] = field(default_factory=dict)  # the states with those in its place
     far: bool = False  # more is missing than the search may add
     stopped: str = ""  # why the search was broken off; empty where it was not
     odd: Finding | None = None  # a run to be set aside before the search goes on
@@ -73,6 +73,11 @@ class State:
     def known(self) -> tuple[str, ...]:
         """The known effects among those added."""
         return tuple(n for n in self.added if not n.startswith("stand_in"))
+
+    @property
+    def rival_fits(self) -> dict[str, Fit]:
+        """By twin, the fit with it in the place of what it is like."""
+        return {name: s.fit for name, s in self.rivals.items()}
 
     @property
     def stands_in(self) -> bool:
@@ -360,7 +365,7 @@ def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
     singles = [s for s in screening.sets if len(s.members) == 1]
     own = [s for s in singles if s.members[0].name != name or s.members[0].start]
     promised = next((s.deviance for s in singles if s.members[0].name == name), -np.inf)
-    reach = max(state.fit.deviance, promised) + NEAR
+    reach = min(max(state.fit.deviance, promised) + NEAR, screening.scores.plain - TWINS)  # more than by chance
     near = [s for s in own if s.deviance < reach]
     alike = sorted(near, key=lambda s: abs(s.deviance - promised))[:REFITTED]
     near = near[:REFITTED] + [s for s in alike if s not in near[:REFITTED]]

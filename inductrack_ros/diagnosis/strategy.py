@@ -64,7 +64,10 @@ def search(task: Task, state: State) -> State:
         if state.stopped or left == grown or left in revised:
             break
         revised.append(left)  # something went: what is missing beside the rest is asked anew
-    if state.stopped or state.verdict == "unknown_effect" or not (promise := unkept(task, state)):
+    if state.stopped:
+        return state
+    state = likeliest(task, state)
+    if state.verdict == "unknown_effect" or not (promise := unkept(task, state)):
         return state
     return _led(task, start, replace(state.told(f"{promise} promises much beside that, and keeps none"), far=True))
 
@@ -246,16 +249,33 @@ def exchange(task: Task, state: State) -> State:
 
     Those that explain as much are twins: the data cannot tell them apart.
     """
-    twins, fits = {}, {}
+    twins, alike = {}, {}
     for name in state.known:
         state, others = rivals(task, state, name)
-        if others and others[0].cost(task) < state.cost(task) - TOLERANCE:
-            other = others[0].added[-1]
-            return others[0].told(f"{other} instead of {name}" if other != name else f"{name} from another start")
+        best = others[0] if others else state
+        other = best.added[-1]
+        if others and best.cost(task) < state.cost(task) - (TOLERANCE if other == name else TWINS):
+            return best.told(f"{other} instead of {name}" if other != name else f"{name} from another start")
         close = [o for o in others if o.added[-1] != name and o.fit.deviance < state.fit.deviance + TWINS]
         twins[name] = tuple(o.added[-1] for o in close)
-        fits |= {o.added[-1]: o.fit for o in close}
-    return replace(state, twins={n: t for n, t in twins.items() if t}, rival_fits=fits)
+        alike |= {o.added[-1]: o for o in close}
+    return replace(state, twins={n: t for n, t in twins.items() if t}, rivals=alike)
+
+
+def likeliest(task: Task, state: State) -> State:
+    """The state with the likeliest of twins in the first place. The set of them stays as it is, so nothing is asked
+    anew."""
+    pairs = [(name, state.rivals[other]) for name, others in state.twins.items() for other in others]
+    same = [(n, o) for n, o in pairs if set(o.added) ^ set(state.added) == {n, o.added[-1]}]
+    name, found = min(same, key=lambda pair: pair[1].cost(task), default=("", state))
+    if found.cost(task) > state.cost(task) - TOLERANCE:
+        return state
+    other = found.added[-1]
+    left = {n: t for n, t in state.twins.items() if n != name}
+    twins = left | {other: (name, *(n for n in state.twins[name] if n != other))}
+    rest = {n: s for n, s in state.rivals.items() if n != other}
+    found = replace(found, twins=twins, rivals=rest | {name: state}, rounds=state.rounds)
+    return found.told(f"{other} rather than {name}, although the data hardly tell them apart")
 
 
 #: The stages that add, then those that take out or exchange; as long as these change the set, all begins anew.

@@ -325,13 +325,14 @@ def _went(
     """The point a step further, and what each run leaves there; ``here`` is what they leave at the point, ``by`` by how
     much the step moves their states (n, A), and what processes add.
 
-    Theta and all trajectories go by the same share of the step, a trajectory that fares worse by less."""
+    Theta and all trajectories go by the same share of the step, a trajectory that fares worse by less. To fare worse by
+    no more than what ends a fit is not to fare worse."""
     active, (moved, beside) = structure.model.active_states, by
 
     def costs(i: int, left: Misses) -> float:
         return cost(problem, i, _where_told(settled.systems[i], left), settled.power, settled.systems[i])
 
-    aims = [costs(i, left) for i, left in enumerate(here)]
+    aims = [costs(i, left) + TOLERANCE / len(here) for i, left in enumerate(here)]
 
     def path(i: int, theta: np.ndarray, most: float) -> tuple[float, np.ndarray, Misses]:
         tried = []
