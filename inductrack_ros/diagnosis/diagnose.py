@@ -25,7 +25,7 @@ from .experiment import propose
 from .findings import SHAKEN, findings, hidden_by
 from .known import uncertainty_of
 from .laws.propose import propose_laws
-from .moves import State, Task, last_screening
+from .moves import State, Task, last_screened
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Proposal, Unknown
 from .settings import FIRST_STEPS, UNDETERMINED
 from .sharpen import sharpen
@@ -75,9 +75,10 @@ def diagnosis_of(
     campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float
 ) -> Diagnosis:
     """The diagnosis that the end of a search is."""
+    state = last_screened(task, state)
     problem, f = task.problem, state.fit
     effects, verdict = state.known, state.verdict
-    unknown, screening = answer.unknown_of(state, problem), last_screening(task, state)
+    unknown, screening = answer.unknown_of(state, problem), state.rounds[-1][1]
     sigma = answer.sigma_found(task, state, background.noise_of_rounding(task.hints))
     task.tell("how well it predicts runs left out")
     base = answer.settled_base(task, state, base)

@@ -119,11 +119,11 @@ def screened(task: Task, state: State, systems: Sequence[LinearRun] | None = Non
     return screen(task.problem, state.fit, systems, beside, wavy)
 
 
-def last_screening(task: Task, state: State) -> Screening:
-    """All candidates beside the answer."""
+def last_screened(task: Task, state: State) -> State:
+    """The state whose last round is that of all candidates beside the answer."""
     if state.rounds and state.rounds[-1][0] == state.added:
-        return state.rounds[-1][1]
-    return screened(task, state)
+        return state
+    return replace(state, rounds=(*state.rounds, (state.added, screened(task, state))))
 
 
 def law_price() -> float:

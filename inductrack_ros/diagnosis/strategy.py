@@ -24,7 +24,7 @@ from .moves import (
     Task,
     all_refitted,
     exact_ones,
-    last_screening,
+    last_screened,
     law_price,
     rivals,
     screened,
@@ -64,18 +64,18 @@ def search(task: Task, state: State) -> State:
         if state.stopped or left == grown or left in revised:
             break
         revised.append(left)  # something went: what is missing beside the rest is asked anew
-    if state.stopped:
-        return state
-    state = likeliest(task, state)
-    if state.verdict == "unknown_effect" or not (promise := unkept(task, state)):
+    if state.stopped or state.verdict == "unknown_effect":
+        return likeliest(task, state)
+    state = last_screened(task, likeliest(task, state))
+    if not (promise := unkept(state)):
         return state
     return _led(task, start, replace(state.told(f"{promise} promises much beside that, and keeps none"), far=True))
 
 
-def unkept(task: Task, state: State) -> str:
+def unkept(state: State) -> str:
     """The single effect that promises far more beside an answer than it costs, although no refit kept that; empty where
     none does. Then what is missing is none of the known effects, and these are only like it."""
-    screening = last_screening(task, state)
+    screening = state.rounds[-1][1]
     best = next(iter(screening.singles), None)
     return best.members[0].name if best and best.cost < screening.scores.plain - NEAR else ""
 
