@@ -52,7 +52,8 @@ def search_with(monkeypatch, add, revise) -> State:
 
     monkeypatch.setattr(strategy, "ADDING", (("add", stage(add)),))
     monkeypatch.setattr(strategy, "REVISING", (("revise", stage(revise)),))
-    monkeypatch.setattr(strategy, "unkept", lambda task, state: "")
+    monkeypatch.setattr(strategy, "last_screened", lambda task, state: state)
+    monkeypatch.setattr(strategy, "unkept", lambda state: "")
     return strategy.search(Task(None), State(SimpleNamespace(deviance=0.0)))
 
 

@@ -6,11 +6,13 @@ how well the runs are predicted from their starts."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..estimation import fit as end_to_end
 from ..estimation.likelihood import Point
+from ..estimation.problem import Problem
 from ..estimation.shooting import fit
 from ..estimation.structure import Structure
 from .moves import State, Task, fitted_end_to_end, grown, screened, with_effects
@@ -20,30 +22,63 @@ from .settings import LEAD, REFIT_STEPS
 
 def best_lead(task: Task, state: State) -> State | None:
     """The state with the known effect that predicts the runs best; None where it leaves more than the part `LEAD` of
-    the open-loop error."""
+    the open-loop error.
+
+    Each parameter costs what it does by Schwarz's criterion, the size of the error being unknown: log(n), against
+    n log(error). Errors of a wrong model last, so n counts those that are independent."""
     screening = screened(task, state)
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
-    error, _ = _flown(task, state.fit.structure, state.fit.point)
-    tried = [(one, *_with(task, state, one)) for one in screening.singles]
-    for one, left, structure, point in sorted(tried, key=lambda t: t[1]):
-        if not left < LEAD * error:
-            break
-        new = fit(task.problem, structure, point, REFIT_STEPS)
+    plain = _flown(task, state.fit.structure, state.fit.point)
+    independent = _independent(task.problem, plain)
+    error = _left(task.problem, plain)
+
+    def cost(tried: Flown) -> float:
+        added = len(tried.fit.theta) - len(state.fit.theta)
+        return independent * np.log(tried.left) + added * np.log(max(independent, 1.0))
+
+    tried = [f for f in (_with(task, state, one) for one in screening.singles) if f.left < LEAD * error]
+    for f in sorted(tried, key=cost):
+        new = fit(task.problem, f.fit.structure, replace(f.point, theta=f.fit.theta), REFIT_STEPS)
         if not new.lost:
-            line = f"{one.members[0].name}: open-loop χ² per sample {error:.3g} -> {left:.3g}"
-            return grown(state, one, screening.family, new).told(line)
+            line = f"{f.one.members[0].name}: open-loop χ² per sample {error:.3g} -> {f.left:.3g}"
+            return grown(state, f.one, screening.family, new).told(line)
     return None
 
 
-def _with(task: Task, state: State, one: CandidateSet) -> tuple[float, Structure, Point]:
-    """What an effect leaves of the open-loop error (χ² a sample), and the structure and point with which it does."""
+@dataclass(frozen=True)
+class Flown:
+    """The runs flown from their starts with one more effect: the point it began at, the fit from end to end, and what
+    is left (χ² a sample)."""
+
+    one: CandidateSet
+    point: Point
+    fit: end_to_end.Fit
+    left: float
+
+
+def _with(task: Task, state: State, one: CandidateSet) -> Flown:
     task.say(f"{one.members[0].name}, flown from the start")
     structure, point = with_effects(task.problem, state.fit, one)
-    left, theta = _flown(task, structure, point)
-    return left, structure, replace(point, theta=theta)
+    found = _flown(task, structure, point)
+    return Flown(one, point, found, _left(task.problem, found))
 
 
-def _flown(task: Task, structure: Structure, point: Point) -> tuple[float, np.ndarray]:
-    found = fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
-    left = found.chi2 / task.problem.samples
-    return left if np.isfinite(left) else np.inf, found.theta
+def _flown(task: Task, structure: Structure, point: Point) -> end_to_end.Fit:
+    return fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
+
+
+def _left(problem: Problem, found: end_to_end.Fit) -> float:
+    left = found.chi2 / problem.samples
+    return left if np.isfinite(left) else np.inf
+
+
+def _independent(problem: Problem, found: end_to_end.Fit) -> float:
+    """How many of the errors are independent, by how much neighbours are alike (of an autoregression of first
+    order)."""
+    number = 0.0
+    for data, part in zip(problem.runs, found.linear, strict=True):
+        for c in range(len(problem.channels)):
+            r = part.residual[(data.channel == c) & np.isfinite(part.residual)]
+            alike = float(r[1:] @ r[:-1]) / max(float(r @ r), 1e-300) if len(r) > 1 else 0.0
+            number += len(r) * (1.0 - abs(alike)) / (1.0 + abs(alike))
+    return number
