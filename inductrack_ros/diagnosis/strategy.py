@@ -267,7 +267,9 @@ def likeliest(task: Task, state: State) -> State:
     anew."""
     pairs = [(name, state.rivals[other]) for name, others in state.twins.items() for other in others]
     same = [(n, o) for n, o in pairs if set(o.added) ^ set(state.added) == {n, o.added[-1]}]
-    name, found = min(same, key=lambda pair: pair[1].cost(task), default=("", state))
+    if not same:
+        return state
+    name, found = min(same, key=lambda pair: pair[1].cost(task))
     if found.cost(task) > state.cost(task) - TOLERANCE:
         return state
     other = found.added[-1]
