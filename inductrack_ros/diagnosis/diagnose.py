@@ -14,8 +14,9 @@ from ..checks import Finding, admit, set_aside
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
 from ..data.campaign import Campaign
+from ..data.thinning import thinned
 from ..estimation import noise, shooting
-from ..estimation.problem import Problem
+from ..estimation.problem import GRID, Problem
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
@@ -27,7 +28,7 @@ from .known import uncertainty_of
 from .laws.propose import propose_laws
 from .moves import State, Task, last_screened
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Proposal, Unknown
-from .settings import FIRST_STEPS, UNDETERMINED
+from .settings import FIRST_STEPS, MOST_ROWS, UNDETERMINED
 from .sharpen import sharpen
 from .spikes import outlying
 from .strategy import add_background, search
@@ -56,6 +57,8 @@ def diagnose(
     campaign, seen = admit(campaign, model)
     hear(seen)
     notes, log = support.inspect(campaign), ()
+    campaign, fewer = thinned(campaign, MOST_ROWS, GRID)
+    notes += [fewer] if fewer else []
     while True:
         tell("fitting what is known")
         spikes, (problem, base, undetermined) = spikes_and_fit(campaign, model, seen)

@@ -193,7 +193,7 @@ def _told(
 
     def one(i: int) -> Told:
         system = augmented(problem, fit.structure, i, widened(systems[i], parts[i : i + 1]), fit.processes)
-        filtered = run_filter(system, power)
+        filtered = run_filter(system, power, smooth=False)
         w = filtered.scored(system)
         small = w[:, :g].T @ w[:, :g]
         grams = []

@@ -70,11 +70,13 @@ def tried(item: Effect, ranges: Mapping[str, tuple[float, float]]) -> Tried:
     return Tried(starts, tuple(rows))
 
 
-def thetas(structure: Structure, theta: np.ndarray, name: str, asked: Tried) -> tuple[Structure, np.ndarray]:
-    """The structure with the effect, and a row of theta for the effect where it vanishes and for each that is asked."""
+def thetas(
+    structure: Structure, theta: np.ndarray, name: str, asked: Sequence[Mapping[str, float]]
+) -> tuple[Structure, np.ndarray]:
+    """The structure with the effect, and a row of theta for the effect where it vanishes and for all values asked."""
     wide = structure.plus(name)
     item, found = wide.model.known_effects[name], []
-    for values in ({}, *(row[2] for row in asked.rows)):
+    for values in ({}, *asked):
         own = [values.get(p, d.default) for p, d in item.parameters.items()]
         all_values = [structure.value(f) for f in structure.free] + own
         row = wide.encode(all_values)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -32,6 +32,8 @@ from .smooth import Smooth, smoothest_of
 WAVES = "guideway_waviness"
 SHORTEST_WAVE, WAVE_STARTS, HIGHEST_WAVE = catalogue()[WAVES].parameters["wavelength"].fit_from, 2, 1e-3
 TOTALS = ("force_surge", "force_sway", "force_heave", "moment_roll")
+#: Columns that are whitened together: a bound on memory alone.
+AT_ONCE = 120
 #: Shares of the power beside which a force of any shape is asked for, where something is known to be missing and where
 #: not.
 FINE_SHARES, COARSE_SHARES = (1.0, 1e-2, 1e-4), (1.0, 0.0)
@@ -206,27 +208,35 @@ def _placed(
     them while it vanishes."""
     item = fit.model.known_effects[name]
     asked = placed.tried(item, covered)
+    if not asked.starts:
+        return []
     plain = Structure(fit.model, ())
-    wide, thetas = placed.thetas(plain, np.empty(0), name, asked)
-    steps = np.array([row[3] for row in asked.rows])
 
-    def one(i: int) -> Columns:
-        path = columns.carried(problem, wide, i, fit.paths[i]) if item.states else fit.paths[i]
-        means = None if columns.needs_integration(item) else pulses[i]
-        return columns.differences(problem, wide, i, path, thetas, steps, fit.model.active_states, means)
+    def columns_of(starts: Sequence[int]) -> list[list[Columns]]:
+        """What each of some starts would do to every run."""
+        rows = [r for k in starts for r in asked.of(k)]
+        wide, thetas = placed.thetas(plain, np.empty(0), name, [asked.rows[r][2] for r in rows])
+        steps = np.array([asked.rows[r][3] for r in rows])
 
-    every = problem.for_runs(one)
-    wanted = {
-        str(k): [Columns(c.inputs[:, :, asked.of(k)], c.data[:, asked.of(k)]) for c in every]
-        for k in range(len(asked.starts))
-    }
-    told = scores(problem, fit, wanted, systems, shares=TWO_SHARES)
-    best = sorted(wanted, key=lambda k: told.expected([k]).deviance)[:WAVE_STARTS]
+        def one(i: int) -> Columns:
+            path = columns.carried(problem, wide, i, fit.paths[i]) if item.states else fit.paths[i]
+            means = None if columns.needs_integration(item) else pulses[i]
+            return columns.differences(problem, wide, i, path, thetas, steps, fit.model.active_states, means)
+
+        every, edges = problem.for_runs(one), np.cumsum([0] + [len(asked.of(k)) for k in starts])
+        return [[c.some(slice(a, b)) for c in every] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+    promised = np.empty(len(asked.starts))
+    for some in np.array_split(np.arange(len(promised)), max(1, -(-len(asked.rows) // AT_ONCE))):
+        wanted = {str(k): parts for k, parts in zip(some, columns_of(some.tolist()), strict=True)}
+        told = scores(problem, fit, wanted, systems, shares=TWO_SHARES)
+        promised[some] = [told.expected([str(k)]).deviance for k in some]
+    best = np.argsort(promised, kind="stable")[:WAVE_STARTS].tolist()
     found = []
-    for k in best:
-        own = tuple(asked.rows[r][1] for r in asked.of(int(k)))
-        start = {p: float(v) for p, v in asked.starts[int(k)].items()}
-        found.append((Candidate(f"{name}@{k}", name, start, len(item.parameters), len(asked.starts), own), wanted[k]))
+    for k, parts in zip(best, columns_of(best), strict=True):
+        own = tuple(asked.rows[r][1] for r in asked.of(k))
+        start = {p: float(v) for p, v in asked.starts[k].items()}
+        found.append((Candidate(f"{name}@{k}", name, start, len(item.parameters), len(asked.starts), own), parts))
     return found
 
 
@@ -251,11 +261,9 @@ def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tup
         return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
     tried = []
-    for some in np.array_split(numbers, max(1, len(numbers) // 60)):
-        for power in shares_of(fit.power, TWO_SHARES):
-            deviances, sizes = _each(
-                problem, fit, systems, [parts(i, some) for i in range(len(problem.runs))], 2, power
-            )
+    for some in np.array_split(numbers, max(1, 2 * len(numbers) // AT_ONCE)):
+        powers = shares_of(fit.power, TWO_SHARES)
+        for deviances, sizes in _each(problem, fit, systems, lambda i, some=some: parts(i, some), len(some), powers):
             tried += [(d, nu, s) for d, nu, s in zip(deviances, some, sizes, strict=True)]
     tried.sort(key=lambda t: t[0])
     found: list[tuple[Candidate, list[Columns]]] = []
@@ -275,50 +283,66 @@ def _waves(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[tup
     return found
 
 
+Parts = Callable[[int], Columns]  # the columns of a run
+
+
 def _each(
-    problem, fit, systems, parts: Sequence[Columns], width: int, power: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The deviance (k,) that each block of ``width`` columns promises at a power, and its coefficients (k, width)."""
-    gram, score, base = _blocks(problem, fit, systems, parts, [width] * (parts[0].data.shape[1] // width), power)
-    sizes = np.array(
-        [
-            np.linalg.lstsq(g + 1e-9 * np.trace(g) * np.eye(width) + 1e-12 * np.eye(width), s, rcond=None)[0]
-            for g, s in zip(gram, score, strict=True)
-        ]
-    )
-    return base - np.array([s @ x for s, x in zip(score, sizes, strict=True)]), sizes
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], parts: Parts, count: int, powers: Sequence[np.ndarray]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """At each power the deviance (k,) that each of ``count`` pairs of columns promises, and its coefficients (k, 2)."""
+    found = []
+    for gram, score, base in _blocks(problem, fit, systems, parts, [2] * count, powers):
+        sizes = np.array(
+            [
+                np.linalg.lstsq(g + 1e-9 * np.trace(g) * np.eye(2) + 1e-12 * np.eye(2), s, rcond=None)[0]
+                for g, s in zip(gram, score, strict=True)
+            ]
+        )
+        found.append((base - np.array([s @ x for s, x in zip(score, sizes, strict=True)]), sizes))
+    return found
 
 
 def _blocks(
     problem: Problem,
     fit: Fit,
     systems: Sequence[LinearRun],
-    parts: Sequence[Columns],
+    parts: Parts,
     widths: Sequence[int],
-    power: np.ndarray,
-):
-    """Normal equations of blocks of columns at a power, the nuisance projected out: each block's matrix and right-hand
-    side, and the deviance without."""
-    g = len(fit.theta)
+    powers: Sequence[np.ndarray],
+) -> list[tuple[list[np.ndarray], list[np.ndarray], float]]:
+    """Normal equations of blocks of columns at each power, the nuisance projected out: each block's matrix and right-
+    hand side, and the deviance without. A run's columns are made when it is its turn, and nothing is kept of them."""
     edges = np.cumsum([0, *widths])
+    blocks = list(zip(edges[:-1], edges[1:], strict=True))
+    g = 1 + len(fit.theta)
+
+    def one(i: int) -> list:
+        system = augmented(problem, fit.structure, i, widened(systems[i], [parts(i)]), fit.processes)
+        found = []
+        for power in powers:
+            filtered = run_filter(system, power, smooth=False)
+            w = filtered.scored(system)
+            nuisance, more = w[:, :g], w[:, g:]
+            own = [more[:, a:b].T @ more[:, a:b] for a, b in blocks]
+            found.append((nuisance.T @ nuisance, nuisance.T @ more, own, tally(problem, i, filtered, system)))
+        return found
+
+    runs = problem.for_runs(one)
+    return [_projected(fit, blocks, [run[k] for run in runs]) for k in range(len(powers))]
+
+
+def _projected(
+    fit: Fit, blocks: Sequence[tuple[int, int]], found: Sequence[tuple]
+) -> tuple[list[np.ndarray], list[np.ndarray], float]:
+    """What all runs tell of blocks of columns, the nuisance projected out."""
     prior, pull = fit.structure.precision, fit.structure.precision @ (fit.structure.centre - fit.theta)
-
-    def one(i: int):
-        system = augmented(problem, fit.structure, i, widened(systems[i], [parts[i]]), fit.processes)
-        filtered = run_filter(system, power)
-        w = filtered.scored(system)
-        nuisance, more = w[:, : 1 + g], w[:, 1 + g :]
-        own = [more[:, a:b].T @ more[:, a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
-        return nuisance.T @ nuisance, nuisance.T @ more, own, tally(problem, i, filtered, system)
-
-    found = problem.for_runs(one)
     small, cross = (sum((f[part] for f in found), np.zeros(())) for part in (0, 1))
     A, b = small[1:, 1:] + prior, -small[1:, 0] + pull
-    inverse = np.linalg.pinv(A, rcond=1e-14, hermitian=True) if g else np.zeros((0, 0))
+    inverse = np.linalg.pinv(A, rcond=1e-14, hermitian=True) if len(A) else np.zeros((0, 0))
     step = inverse @ b
     base = float(small[0, 0] - b @ step) + log_determinant(sum((f[3] for f in found), np.zeros(())))
     gram, score = [], []
-    for k, (lo, hi) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for k, (lo, hi) in enumerate(blocks):
         B = cross[1:, lo:hi]
         gram.append(sum((f[2][k] for f in found), np.zeros(())) - B.T @ inverse @ B)
         score.append(-cross[0, lo:hi] - B.T @ step)
@@ -388,9 +412,9 @@ def laws(
             forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], on, shapes)
             return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
-        every = problem.for_runs(parts)
-        for power in shares_of(fit.power, FINE_SHARES if on in fine else COARSE_SHARES):
-            gram, score, base = _blocks(problem, fit, systems, every, [t[3] for t in tables], power)
+        powers = shares_of(fit.power, FINE_SHARES if on in fine else COARSE_SHARES)
+        told = _blocks(problem, fit, systems, parts, [t[3] for t in tables], powers)
+        for power, (gram, score, base) in zip(powers, told, strict=True):
             for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
                 table = smoothest_of(A, b, problem.samples, variable in ALONG)
                 found.append(Law(on, variable, start, step, table, plain - base + table.promise, power))
@@ -408,7 +432,7 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
 
     def one(i: int) -> np.ndarray:
         system = augmented(problem, structure, i, systems[i], fit.processes)
-        w = run_filter(system, np.where(fit.power > NO_POWER, fit.power, 0.0)).scored(system)
+        w = run_filter(system, np.where(fit.power > NO_POWER, fit.power, 0.0), smooth=False).scored(system)
         return w.T @ w
 
     whole = sum(problem.for_runs(one), np.zeros(()))

@@ -93,6 +93,10 @@ class Columns:
     inputs: np.ndarray
     data: np.ndarray
 
+    def some(self, which: slice) -> Columns:
+        """Some of the columns."""
+        return Columns(self.inputs[:, :, which], self.data[:, which])
+
     @staticmethod
     def beside(parts: Sequence[Columns]) -> Columns:
         """The columns of several side by side."""
@@ -118,7 +122,9 @@ class Filtered:
 
     def scored(self, run: LinearRun) -> np.ndarray:
         """Whitened innovations (m, c) of the readings that count, 0 for the others."""
-        return np.where(run.scored[:, None], self.whitened, 0.0)
+        found = self.whitened
+        found[~run.scored] = 0.0
+        return found
 
     def tally(self, run: LinearRun, channel: np.ndarray, channels: int) -> np.ndarray:
         """What `log_determinant` needs of a run, (5, channels), from the channel (m,) of each reading.
@@ -160,13 +166,14 @@ class Smoothed:
     counts: np.ndarray
 
 
-def run_filter(run: LinearRun, power: np.ndarray) -> Filtered:
+def run_filter(run: LinearRun, power: np.ndarray, smooth: bool = True) -> Filtered:
     """Filter a run with disturbances of ``power`` (4,), the spectral density (two-sided) of a white acceleration in
-    each coordinate, m²/s³ or rad²/s³."""
+    each coordinate, m²/s³ or rad²/s³. Without ``smooth`` nothing is kept for the smoother: with many columns that is
+    most of the memory."""
     m, n_states = run.sensitivity.shape
-    n, columns = len(run.spacing), run.data.shape[1]
+    columns, kept = run.data.shape[1], len(run.spacing) if smooth else 1
     innovations, variances, gains = np.empty((m, columns)), np.empty(m), np.empty((m, n_states))
-    roots, means = np.empty((n, n_states, n_states)), np.empty((n, n_states, columns))
+    roots, means = np.empty((kept, n_states, n_states)), np.empty((kept, n_states, columns))
     _filter(
         run.first, run.sensitivity, run.data, run.variance, run.transitions, run.inputs, run.spacing, run.start_root,
         run.start_mean, run.kicks, np.asarray(power, float), innovations, variances, gains, roots, means,
@@ -254,8 +261,9 @@ def _filter(
     f, wide = np.empty(N), np.zeros((N, end))
     moved = np.empty((N, columns))
     for k in range(n):
-        roots[k] = S
-        means[k] = C
+        if len(roots) == n:
+            roots[k] = S
+            means[k] = C
         for j in range(first[k], first[k + 1]):
             square = R[j]
             f[:] = 0.0

@@ -173,15 +173,31 @@ def scores(
         width = parts[0].data.shape[1]
         places[name], end = np.arange(end, end + width), end + width
         limits.append((bounds or {}).get(name, np.tile([-np.inf, np.inf], (width, 1))))
-    wide = [widened(system, [parts[i] for parts in named.values()]) for i, system in enumerate(systems)]
-    structure, levels = fit.structure, []
+    structure, asked = fit.structure, list[tuple[Background, np.ndarray]]()
     for background in backgrounds or (Background(fit.power, fit.processes),):
-        full = problem.for_runs(lambda i, b=background: augmented(problem, structure, i, wide[i], b.processes))
         powers = shares_of(background.power, shares)
-        distinct = [p for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
-        levels += [_level(problem, full, power, background) for power in distinct]
+        asked += [(background, p) for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
+
+    def one(i: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        wide = widened(systems[i], [parts[i] for parts in named.values()])
+        return [
+            _told(problem, i, augmented(problem, structure, i, wide, background.processes), power)
+            for background, power in asked
+        ]
+
+    found, levels = problem.for_runs(one), []
+    for k, (background, power) in enumerate(asked):
+        gram, tallies = (sum((run[k][part] for run in found), np.zeros(())) for part in (0, 1))
+        levels.append(Level(power, background, gram, log_determinant(tallies)))
     pull = structure.precision @ (structure.centre - fit.theta)
     return Scores(len(fit.theta), structure.precision, pull, places, tuple(levels), np.concatenate(limits))
+
+
+def _told(problem: Problem, i: int, system: LinearRun, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The normal equations of all columns of run i at a power, and the tally of its innovations."""
+    filtered = run_filter(system, power, smooth=False)
+    w = filtered.scored(system)
+    return w.T @ w, tally(problem, i, filtered, system)
 
 
 def shares_of(power: np.ndarray, shares: Sequence[float]) -> list[np.ndarray]:
@@ -201,14 +217,3 @@ def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
         inputs=np.concatenate([system.inputs, more.inputs], axis=2),
         start_mean=mean,
     )
-
-
-def _level(problem: Problem, systems: Sequence[LinearRun], power: np.ndarray, background: Background) -> Level:
-    def one(i: int) -> tuple[np.ndarray, np.ndarray]:
-        filtered = run_filter(systems[i], power)
-        w = filtered.scored(systems[i])
-        return w.T @ w, tally(problem, i, filtered, systems[i])
-
-    found = problem.for_runs(one)
-    gram, tallies = (sum((f[part] for f in found), np.zeros(())) for part in (0, 1))
-    return Level(power, background, gram, log_determinant(tallies))
