@@ -28,9 +28,9 @@ COARSE, MEDIUM, FINE = 8, 24, 120
 POWER = 0.9
 #: Gauss–Newton steps of the first fit.
 FIRST_STEPS = 40
-#: Rows of a campaign that are used at the most, a minute at 1 kHz: each takes some 60 kB and 5 ms of a search. A filter
-#: that keeps nothing of what it has passed would make this needless.
-MOST_ROWS = 60_000
+#: Rows of a campaign that are used at the most, half a minute at 1 kHz: each takes some 60 kB, and 10 ms of a search. A
+#: filter that keeps nothing of what it has passed would make this needless.
+MOST_ROWS = 30_000
 #: A free parameter whose deviation is this part of its prior's is one that the data say nothing about.
 UNDETERMINED = 0.1
 #: Effects found one after the other at the most: a model that lacks more is too far from the rig for any of them to be
