@@ -148,10 +148,10 @@ def settle(
         told_of = moving & (expected[:4] > UNTOLD)
         next_power = np.where(told_of, np.clip(there[:4], NO_POWER, ROUGHEST), NO_POWER)
         next_processes = resized(processes, there[4:])
+        there = np.concatenate([next_power, variances(next_processes)])
         if not left or abs(last - evidence.deviance) < TOLERANCE or follow and (there < RESTING * here).any():
             break
         power, processes, before, last = next_power, next_processes, (here, ratio), evidence.deviance
-    there = np.concatenate([next_power, variances(next_processes)])
     movable = ~np.isclose(there, here, rtol=1e-6, atol=0.0)  # what is at its least or most stays
     gain = to_gain(found[movable], expected[movable])
     return Settled(power, processes, systems, evidence, smooth, next_power, next_processes, gain)
