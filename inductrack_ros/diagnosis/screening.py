@@ -104,11 +104,10 @@ def names(problem: Problem, structure: Structure) -> list[str]:
     return [n for n in found if n not in structure.effects]
 
 
-def screen(
-    problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background] = (), wavy: bool = True
-) -> Screening:
-    """Every candidate and every small set of them at a fit, beside each of the backgrounds (the fit's own unless
-    given); ``wavy``, where something shakes the plant: waves of the track too."""
+def sought(
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], wavy: bool
+) -> tuple[dict[str, Candidate], dict[str, list[Columns]]]:
+    """All candidates and, for each, what it would do to every run."""
     known = fit.model.known_effects
     somewhere = [n for n in names(problem, fit.structure) if placed.is_placed(known[n.partition(":")[0]])]
     at_once = {n: start for n in names(problem, fit.structure) if (start := _of_readings(problem, known, n))}
@@ -130,7 +129,16 @@ def screen(
     for name in somewhere:
         for candidate, part in _placed(problem, fit, systems, name, covered, pulses):
             candidates[candidate.label], parts[candidate.label] = candidate, part
-    bounds = {n: _reach(fit, n) for n in wanted if parameters[n]}
+    return candidates, parts
+
+
+def screen(
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], backgrounds: Sequence[Background] = (), wavy: bool = True
+) -> Screening:
+    """Every candidate and every small set of them at a fit, beside each of the backgrounds (the fit's own unless
+    given); ``wavy``, where something shakes the plant: waves of the track too."""
+    candidates, parts = sought(problem, fit, systems, wavy)
+    bounds = {n: _reach(fit, n) for n, c in candidates.items() if c.parameters and not c.start}
     found = scores(problem, fit, parts, systems, backgrounds, bounds=bounds)
     sets = {s.labels: s for s in _sets(candidates, found)}
     price = backgrounds[0].price if backgrounds else 0.0
@@ -403,7 +411,7 @@ def laws(
         tables = [
             (v, *over(low, high, n))
             for v, (low, high) in spans.items()
-            for n in _sizes(v, on in fine)
+            for n in sizes_of(v, on in fine)
             if not (on == "thrust" and v == "drive")
         ]
 
@@ -447,7 +455,7 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     return smoothest_of(gram, gram @ (fit.theta[mine] * scale) + score, problem.samples, swings)
 
 
-def _sizes(variable: str, fine: bool) -> tuple[int, ...]:
+def sizes_of(variable: str, fine: bool) -> tuple[int, ...]:
     if variable == "drive":
         return (6,)
     if not fine:

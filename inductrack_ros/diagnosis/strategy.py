@@ -17,6 +17,7 @@ from ..estimation.likelihood import TOLERANCE, Lost
 from ..estimation.shooting import linearise_all
 from . import background
 from .belonging import odd_run
+from .beside import add_beside
 from .leads import best_lead
 from .moves import (
     OutOfTime,
@@ -284,6 +285,7 @@ def likeliest(task: Task, state: State) -> State:
 ADDING: tuple[tuple[str, Stage], ...] = (
     ("known effects", add_known),
     ("a force of any shape", add_unknown),
+    ("a force of any shape beside a known effect", add_beside),
     ("a force on two variables", add_pair),
 )
 REVISING: tuple[tuple[str, Stage], ...] = (

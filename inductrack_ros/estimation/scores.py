@@ -67,6 +67,19 @@ class Expected:
 
 
 @dataclass(frozen=True)
+class TableBeside:
+    """A table beside c columns of something known, all nuisance projected out: the deviance without the table, its
+    normal equations (l, l) and (l,), the columns' coefficients (c,) without it and by how much each of its values
+    lowers them (c, l)."""
+
+    deviance: float
+    gram: np.ndarray
+    score: np.ndarray
+    size: np.ndarray
+    moves: np.ndarray
+
+
+@dataclass(frozen=True)
 class Scores:
     """The scores of named columns at a fit; ``places`` has each name's columns among the c, ``bounds`` (c, 2) how far
     their coefficients may go."""
@@ -117,6 +130,19 @@ class Scores:
         g = self.nuisance
         deviance = float(level.gram[0, 0] - b @ size) + level.log_determinant + level.background.price
         return Expected(deviance, size[g:], covariance[g:, g:], level)
+
+    def beside(self, level: Level, known: str, table: str) -> TableBeside:
+        """The columns of a ``table`` at one level where those of something ``known`` are there too."""
+        chosen = self.places[known]
+        A, b = self._system(level, chosen)
+        size, covariance = _solved(A, b)
+        rows = np.concatenate([np.arange(1, 1 + self.nuisance), 1 + self.nuisance + chosen])
+        mine = 1 + self.nuisance + self.places[table]
+        cross = level.gram[np.ix_(rows, mine)]
+        deviance = float(level.gram[0, 0] - b @ size) + level.log_determinant + level.background.price
+        gram = level.gram[np.ix_(mine, mine)] - cross.T @ covariance @ cross
+        moves = (covariance @ cross)[self.nuisance :]
+        return TableBeside(deviance, gram, -level.gram[0, mine] - cross.T @ size, size[self.nuisance :], moves)
 
     def _within(self, e: Expected, chosen: np.ndarray) -> Expected:
         """The same within the coefficients' bounds."""

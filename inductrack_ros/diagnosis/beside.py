@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A force of any shape and a known effect added together, where neither pays alone.
+
+While one is missing, the other explains half of what is wrong, and a plant that is shaken explains all of it for
+less."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from ..estimation.kalman import Columns, LinearRun
+from ..estimation.linear import acting, force_columns, histories
+from ..estimation.problem import Problem
+from ..estimation.scores import Background, Level, Scores, scores
+from ..estimation.shooting import Fit, linearise_all
+from . import background
+from .laws.forms import ALONG
+from .moves import State, Task, grown, law_price, shaken, smoothed_anew, with_effects, with_law
+from .screening import FINE_SHARES, Candidate, CandidateSet, Law, basis, over, sizes_of, sought, span_of
+from .settings import FORCES_REFITTED, MOST_EFFECTS
+from .smooth import smoothest_of
+
+
+@dataclass(frozen=True)
+class Table:
+    """Which force of any shape: on a coordinate over a variable, its first place and step."""
+
+    acts_on: str
+    variable: str
+    start: float
+    step: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A known effect and a table together: the effect at the size that it has then, the table, and by how much the
+    deviance falls beyond what both cost."""
+
+    one: CandidateSet
+    law: Law
+    gain: float
+
+
+def add_beside(task: Task, state: State) -> State:
+    """Add a force of any shape and a known effect together, where something shakes a coordinate and neither of them
+    pays alone."""
+    if state.stands_in or len(state.known) >= MOST_EFFECTS:
+        return state
+    systems = linearise_all(task.problem, state.fit)
+    lacking = shaken(task, state, systems)
+    if not lacking:
+        return state
+    promised = promises(task, state, systems, lacking)
+    tried = [_refitted(task, state, p, len(promised)) for p in promised[:FORCES_REFITTED] if p.gain > 0.0]
+    best = min(tried, key=lambda s: s.cost(task), default=state)
+    if best.cost(task) < state.cost(task):
+        return best
+    return state.told("no force of any shape pays beside a known effect either") if tried else state
+
+
+def promises(task: Task, state: State, systems: Sequence[LinearRun], lacking: Sequence[str]) -> list[Promise]:
+    """What each known effect and the table that suits it best promise together; the best first."""
+    problem, f = task.problem, state.fit
+    candidates, parts = sought(problem, f, systems, wavy=True)
+    tables = tables_of(problem, f, lacking)
+    price = background.price(problem, task.given, f.processes)
+    found = scores(
+        problem, f, parts | {n: _columns(problem, f, t) for n, t in tables.items()}, systems,
+        [Background(f.power, f.processes, price)], FINE_SHARES,
+    )  # fmt: skip
+    of_each = [_best(found, one, tables, problem.samples, len(candidates)) for one in candidates.values()]
+    return sorted(of_each, key=lambda p: -p.gain)
+
+
+def tables_of(problem: Problem, fit: Fit, lacking: Sequence[str]) -> dict[str, Table]:
+    """The tables that are asked for, by a name of their own."""
+    runs = [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
+    spans = {v: span for v in runs[0] if (span := span_of([r[v] for r in runs])) is not None}
+    asked = [Table(on, v, *over(*span, sizes_of(v, True)[0])) for on in lacking for v, span in spans.items()]
+    return {f"table {t.acts_on} {t.variable}": t for t in asked}
+
+
+def _columns(problem: Problem, fit: Fit, table: Table) -> list[Columns]:
+    def one(i: int) -> Columns:
+        values = histories(problem.runs[i], fit.paths[i])[table.variable]
+        shapes = basis(values, table.start, table.step, table.count)
+        forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], table.acts_on, shapes)
+        return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
+
+    return problem.for_runs(one)
+
+
+def _best(found: Scores, one: Candidate, tables: Mapping[str, Table], samples: int, family: int) -> Promise:
+    """The table that promises most beside a known effect, at the power that suits both."""
+
+    def at(level: Level, name: str) -> Promise:
+        beside, t = found.beside(level, one.label, name), tables[name]
+        table = smoothest_of(beside.gram, beside.score, samples, t.variable in ALONG)
+        size = beside.size - beside.moves @ table.values
+        gain = found.plain - beside.deviance + table.promise
+        known = CandidateSet((one,), beside.deviance, beside.deviance, {one.label: size}, level.background)
+        law = Law(t.acts_on, t.variable, t.start, t.step, table, gain, level.power)
+        return Promise(known, law, gain - law_price() - one.price(family))
+
+    return max((at(level, name) for level in found.levels for name in tables), key=lambda p: p.gain)
+
+
+def _refitted(task: Task, state: State, p: Promise, family: int) -> State:
+    """The state with both, refitted together from what they promise."""
+    structure, point = with_effects(task.problem, state.fit, p.one)
+    there = replace(state.fit, structure=structure, theta=point.theta, paths=point.paths, power=p.law.power)
+    new = smoothed_anew(task, with_law(task, grown(state, p.one, family, there), p.law))
+    return new.told(f"{p.one.members[0].name} and a force in {p.law.acts_on} on {p.law.variable} together")
