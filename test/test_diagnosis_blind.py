@@ -116,3 +116,10 @@ def test_a_trapped_run_is_no_missing_effect():
     leads out of there."""
     row = run(18607, None)
     assert row["right"], row
+
+
+@pytest.mark.nightly
+def test_a_force_and_an_effect_of_which_neither_pays_alone():
+    """A patch of force beside a drive that droops: a shaken plant explains both for less than either does."""
+    row = run(19603, "unknown")
+    assert row["right"], row
