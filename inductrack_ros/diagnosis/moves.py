@@ -173,8 +173,9 @@ def grown(state: State, found: CandidateSet, family: int, new: Fit) -> State:
 def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: int) -> list[State]:
     """Of sets of known effects those that leave nothing but noise where contact is taken exactly; cheapest first.
 
-    What leaves noise in all runs does so in each: a set is first asked for the run that the last one failed at most."""
-    found: list[State] = []
+    What leaves noise in all runs does so in each: a set is first asked for the run that the last one failed at most.
+    Only those near to the cheapest of them are weighed beside the sensors as they are."""
+    flown = list[tuple[float, CandidateSet, Structure, Point, end_to_end.Fit]]()
     hardest: int | None = None
     for s in sets if state.fit.exact or touches(state.fit) else ():
         task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
@@ -188,13 +189,17 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
             over = [end_to_end.chi_square([part.residual]) - len(part.residual) for part in whole.linear]
             hardest = int(np.argmax(over))
             continue
-        new = exactly(task.problem, structure, point, REFIT_STEPS, whole)
-        labels = " + ".join(m.name for m in s.members)
-        found.append(
-            grown(state, s, family, new).told(
-                f"{labels}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
+        flown.append((whole.chi2 + sum(m.price(family) for m in s.members), s, structure, point, whole))
+    least, found = min((cost for cost, *_ in flown), default=0.0), list[State]()
+    for cost, s, structure, point, whole in flown:
+        if cost < least + NEAR:
+            new = exactly(task.problem, structure, point, REFIT_STEPS, whole)
+            labels = " + ".join(m.name for m in s.members)
+            found.append(
+                grown(state, s, family, new).told(
+                    f"{labels}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
+                )
             )
-        )
     return sorted(found, key=lambda x: x.cost(task))
 
 
