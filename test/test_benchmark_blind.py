@@ -11,12 +11,13 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 from blind import law_table, loop
+from blind.ask import Asked, draw
 from blind.judge import judge_findings
 from blind.judge_law import NOTHING, judge_law
 from blind.last_bits import CHANGE, changed
 from independent.campaigns import write_campaign
 
-from inductrack_ros.checks import NOTE, Finding
+from inductrack_ros.checks import IMPOSSIBLE, NOTE, Finding, look
 from inductrack_ros.core.effects.stand_in import parameters
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
@@ -107,3 +108,13 @@ def test_a_law_is_judged_by_its_form_its_variables_and_its_parameters(tmp_path):
     assert not (crashed["coordinate"] or crashed["in_set"] or crashed["false"] or crashed["errors"])
     head, _, line, *_ = law_table.laws([{"verdict": "unknown_effect", "law": t} for t in (told, wrong)], [])
     assert "2 of 2" in line.split(" | ")[-1] and head.count("|") == line.count("|")
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("loop_complete", 36061), ("dirty", 34065)])
+def test_the_look_refuses_no_campaign_that_is_only_dirty(kind, seed, tmp_path):
+    """An accelerometer that samples pulses ten milliseconds apart, and a rig with six tenths of the model's thrust in
+    coloured noise, are no wrong units."""
+    draw(tmp_path / "rig", seed, Asked(kind))
+    campaign = load_campaign(tmp_path / "rig")
+    model = Model.load(campaign.model) if campaign.model else Model.default()
+    assert [f.line for f in look(campaign, model) if f.severity == IMPOSSIBLE] == []

@@ -54,19 +54,21 @@ def pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -
 
 
 def _pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Findings that runs share."""
+    """Findings that runs share. An acceleration that jumps with every pulse is not told by its samples."""
     findings: list[Finding] = []
+    unpulsed = replace(calm, runs=tuple(run for run in calm.runs if run.pulses is None or not len(run.pulses.times)))
     for k, coordinate in enumerate(COORDINATES):
         rate, acceleration = RATES[k], ACCELERATIONS[k]
         if coordinate == "heave" and coordinate not in channels:
             coordinate = "gap_top"  # grows with the heave, and with nothing else
         if {coordinate, rate} <= channels.keys():
             findings += _pair(campaign, coordinate, rate, 1) or _foreign(campaign, channels, coordinate, rate)
+        told = unpulsed if coordinate == "surge" else calm
         if {rate, acceleration} <= channels.keys():
-            findings += _pair(calm, rate, acceleration, 1)
-        elif {coordinate, acceleration} <= channels.keys():
-            found = _pair(calm, coordinate, acceleration, 2)
-            findings += found or _foreign(calm, channels, coordinate, acceleration, 2)
+            findings += _pair(told, rate, acceleration, 1)
+        elif {coordinate, acceleration} <= channels.keys() and told.runs:
+            found = _pair(told, coordinate, acceleration, 2)
+            findings += found or _foreign(told, channels, coordinate, acceleration, 2)
     return findings
 
 

@@ -14,7 +14,7 @@ from ..core.state import COORDINATES, GAPS
 from ..data import Campaign
 from . import levels
 from .apart import of_some
-from .balance import WINDOWS, Reading, Windows, bad, misfits, stops, total, windows_of
+from .balance import WINDOWS, Reading, Windows, bad, misfits, needed_current, stops, total, windows_of
 from .current import drive
 from .finding import IMPOSSIBLE, WARNING, Finding, number, of_a_bag, shared
 from .noise_found import READINGS, Channel
@@ -71,7 +71,8 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
     for _ in range(MOST):
         if not bad(left):
             break
-        tried = [(name, reading, misfits(windows, model, reading)) for name, reading in _others(now, windows)]
+        wanted = needed_current(windows, model) if bad(left) == ["surge"] and now == Reading() else None
+        tried = [(name, reading, misfits(windows, model, reading)) for name, reading in _others(now, windows, wanted)]
         tried = [t for t in tried if _explains(left, t[2])]
         if not tried:
             break
@@ -281,14 +282,16 @@ def _unit(campaign: Campaign, channel: str, text: str, factor: float, unit: str,
     return Finding("unit", IMPOSSIBLE, text, remedy, channel, size={**size, "factor": factor})
 
 
-def _others(now: Reading, windows: Windows) -> Iterator[tuple[str, Reading]]:
-    """Readings that change one thing."""
+def _others(now: Reading, windows: Windows, wanted: float | None) -> Iterator[tuple[str, Reading]]:
+    """Readings that change one thing. The current has no other unit where what is ``wanted`` of it is not so far
+    off."""
     if now.time == 1.0:
         for factor, unit in _TIMES:
             yield f"time in {unit}", replace(now, time=factor)
     if now.current == 1.0 and windows.current.any() and not windows.pulsed:
         for factor, unit in _CURRENTS:
-            yield f"drive_current in {unit}", replace(now, current=factor)
+            if wanted is None or not 1 / levels.UNIT < wanted < levels.UNIT:
+                yield f"drive_current in {unit}", replace(now, current=factor)
     for channel in windows.values:
         if channel in now.channels or channel not in (*COORDINATES, *GAPS):
             continue
