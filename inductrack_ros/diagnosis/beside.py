@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from ..core.effects.stand_in import basis, over
 from ..estimation.kalman import Columns, LinearRun
 from ..estimation.linear import acting, force_columns, histories
 from ..estimation.problem import Problem
@@ -17,7 +20,7 @@ from ..estimation.shooting import Fit, linearise_all
 from . import background
 from .laws.forms import ALONG
 from .moves import State, Task, grown, law_price, shaken, smoothed_anew, with_effects, with_law
-from .screening import FINE_SHARES, Candidate, CandidateSet, Law, basis, over, sizes_of, sought, span_of
+from .screening import FINE_SHARES, Candidate, CandidateSet, Law, sizes_of, sought, span_of
 from .settings import FORCES_REFITTED, MOST_EFFECTS
 from .smooth import smoothest_of
 
@@ -64,28 +67,27 @@ def promises(task: Task, state: State, systems: Sequence[LinearRun], lacking: Se
     """What each known effect and the table that suits it best promise together; the best first."""
     problem, f = task.problem, state.fit
     candidates, parts = sought(problem, f, systems, wavy=True)
-    tables = tables_of(problem, f, lacking)
+    runs = [histories(d, path) for d, path in zip(problem.runs, f.paths, strict=True)]
+    tables = tables_of(runs, lacking)
     price = background.price(problem, task.given, f.processes)
     found = scores(
-        problem, f, parts | {n: _columns(problem, f, t) for n, t in tables.items()}, systems,
+        problem, f, parts | {n: _columns(problem, f, runs, t) for n, t in tables.items()}, systems,
         [Background(f.power, f.processes, price)], FINE_SHARES,
     )  # fmt: skip
     of_each = [_best(found, one, tables, problem.samples, len(candidates)) for one in candidates.values()]
     return sorted(of_each, key=lambda p: -p.gain)
 
 
-def tables_of(problem: Problem, fit: Fit, lacking: Sequence[str]) -> dict[str, Table]:
-    """The tables that are asked for, by a name of their own."""
-    runs = [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
+def tables_of(runs: Sequence[Mapping[str, np.ndarray]], lacking: Sequence[str]) -> dict[str, Table]:
+    """The tables that are asked for over the variables' histories in all runs, by a name of their own."""
     spans = {v: span for v in runs[0] if (span := span_of([r[v] for r in runs])) is not None}
     asked = [Table(on, v, *over(*span, sizes_of(v, True)[0])) for on in lacking for v, span in spans.items()]
     return {f"table {t.acts_on} {t.variable}": t for t in asked}
 
 
-def _columns(problem: Problem, fit: Fit, table: Table) -> list[Columns]:
+def _columns(problem: Problem, fit: Fit, runs: Sequence[Mapping[str, np.ndarray]], table: Table) -> list[Columns]:
     def one(i: int) -> Columns:
-        values = histories(problem.runs[i], fit.paths[i])[table.variable]
-        shapes = basis(values, table.start, table.step, table.count)
+        shapes = basis(runs[i][table.variable], table.start, table.step, table.count)
         forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], table.acts_on, shapes)
         return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 

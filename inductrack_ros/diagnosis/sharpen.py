@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
@@ -30,10 +30,7 @@ def sharpen(
     """The run, or two, that would determine a free parameter ``name`` of the fit best; in words and in numbers. None
     where no run of the menu is within the rig's limits and off the track."""
     limits, k = problem.limits, f.structure.free.index(name)
-    speeds = experiment.menu(limits, "surge_rate", experiment.SPEEDS)
-    currents = experiment.menu(limits, "drive_current", experiment.CURRENTS)
-    durations = (*experiment.SHORT, *experiment.DURATIONS) if limits.ranges else experiment.DURATIONS
-    runs = [MenuRun(v, i, o, t) for t, i, o, v in product(durations, currents, experiment.OFFSETS, speeds)]
+    runs = [run for batch in experiment.batches(replace(limits, contact=False)) for run in batch]
     told = at_once(lambda run: information(problem, f, run), runs)
     known = np.linalg.pinv(f.covariance, hermitian=True)
     made = [(run, M) for run, M in zip(runs, told, strict=True) if M is not None]
