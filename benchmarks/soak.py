@@ -26,6 +26,7 @@ from rosbags.rosbag2 import Reader
 
 from inductrack_ros.core.options import SIM
 from inductrack_ros.nodes.domain import claim_domain
+from inductrack_ros.nodes.ending import NO_ORPHAN
 from inductrack_ros.nodes.record import stamp_ns
 
 SAMPLE = 2.0  # s between looks at the memory
@@ -90,7 +91,7 @@ def run(minutes: float, lockstep: bool, folder: Path) -> tuple[dict, Path]:
         commands["track_controller"] = ["track_controller", "--ros-args", "-p", "lockstep:=true", "-p", "mode:=speed"]
     with (folder / "log").open("w") as log:
         processes = {
-            name: subprocess.Popen([bin_folder / words[0], *words[1:]], stdout=log, stderr=log)
+            name: subprocess.Popen([*NO_ORPHAN.split(), bin_folder / words[0], *words[1:]], stdout=log, stderr=log)
             for name, words in commands.items()
         }
         try:

@@ -6,7 +6,8 @@
 Each start gets one of SIGINT, SIGTERM, SIGINT twice (as `ros2 launch` sends it) or SIGINT over and over, at a random
 moment after its first log line; `--load` processes spin meanwhile. `record` records what a simulator publishes, so its
 bag must be whole. Clean is: status 0, no traceback, ended within `LIMIT` seconds in which
-it had a processor or slept. Ctrl-C tells what was seen so far. Ends with status 1 where one did not end clean."""
+it had a processor or slept. Ctrl-C or SIGTERM: what was seen so far is told. Ends with
+status 1 where one did not end clean."""
 
 from __future__ import annotations
 
@@ -26,6 +27,7 @@ from rosbags.rosbag2 import Reader
 from inductrack_ros.core.state import STATES
 from inductrack_ros.data import write_bag
 from inductrack_ros.nodes.domain import claim_domain
+from inductrack_ros.nodes.ending import NO_ORPHAN
 
 LIMIT = 20.0  # s from the signal to the end, without those in which others had the processor that it could have used
 LONGEST = 20 * LIMIT  # s, whatever the machine does
@@ -37,11 +39,12 @@ SIGNALS = {
 }
 NODES = ("sim", "track_controller", "monitor", "record", "play")
 BIN = Path(sys.executable).parent
+SPIN = "while True: pass"
 
 
 def start(log: Path, name: str, *options: object) -> subprocess.Popen:
     with log.open("w") as file:
-        return subprocess.Popen([BIN / name, *map(str, options)], stdout=file, stderr=file)
+        return subprocess.Popen([*NO_ORPHAN.split(), BIN / name, *map(str, options)], stdout=file, stderr=file)
 
 
 def stop(process: subprocess.Popen, signals: list[signal.Signals]) -> int | None:
@@ -120,9 +123,10 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     chance, folder = random.Random(given.seed), Path(tempfile.mkdtemp(prefix="inductrack_starts_"))
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background a shell has it ignored
+    for number in (signal.SIGINT, signal.SIGTERM):  # in the background a shell has the first ignored
+        signal.signal(number, signal.default_int_handler)
     domain = claim_domain()  # held until the end
-    spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(given.load)]
+    spinning = [subprocess.Popen([*NO_ORPHAN.split(), sys.executable, "-c", SPIN]) for _ in range(given.load)]
     beside = start(folder / "beside", "sim", "--ros-args", "-r", "__node:=beside")
     found: dict[str, Counter] = {name: Counter() for name in NODES}
     try:

@@ -16,6 +16,7 @@ import numpy as np
 from .core.errors import InputError
 from .data.bags import read_bag
 from .nodes.domain import claim_domain
+from .nodes.ending import NO_ORPHAN
 
 SAMPLE = Path(__file__).resolve().parent.parent / "examples" / "sample_campaign"
 SECONDS = 6.0
@@ -104,7 +105,7 @@ def end(processes: list[subprocess.Popen]) -> None:
 
 
 def node(name: str, log: object, *options: object) -> subprocess.Popen:
-    command = [sys.executable, "-m", "inductrack_ros.nodes.start", name, *map(str, options)]
+    command = [*NO_ORPHAN.split(), sys.executable, "-m", "inductrack_ros.nodes.start", name, *map(str, options)]
     return subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | {"PYTHONUNBUFFERED": "1"})
 
 

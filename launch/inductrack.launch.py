@@ -22,7 +22,7 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
 from inductrack_ros.core.errors import InputError
-from inductrack_ros.nodes.ending import HELD_BACK
+from inductrack_ros.nodes.ending import HELD_BACK, NO_ORPHAN
 from inductrack_ros.nodes.launching import ARGUMENTS, Started, misspelt, plan, rviz_configuration
 from launch import LaunchContext, LaunchDescription
 
@@ -72,7 +72,7 @@ def _node(one: Started, namespace: str, given: dict[str, str]) -> Node:
         namespace=namespace, output="screen",
         parameters=[*([given["params_file"]] if one.reads_file else []), *([parameters] if parameters else [])],
         arguments=list(one.arguments), ros_arguments=["--log-level", given["log_level"]],
-        prefix=[LaunchConfiguration("launch-prefix", default=""), f" {HELD_BACK}"],
+        prefix=[LaunchConfiguration("launch-prefix", default=""), f" {HELD_BACK} {NO_ORPHAN}"],
         on_exit=[Shutdown(reason=f"{one.executable} has ended")] if one.needed else None,
         **({"sigterm_timeout": JOINING} if one.executable == "record" else {}),
     )  # fmt: skip
@@ -93,6 +93,6 @@ def _rviz(share: Path, namespace: str, given: dict[str, str]) -> Node:
         config = str(made)
     time = {"use_sim_time": True} if given["use_sim_time"] == "true" else {}
     return Node(
-        package="rviz2", executable="rviz2", namespace=namespace, arguments=["-d", config],
+        package="rviz2", executable="rviz2", namespace=namespace, arguments=["-d", config], prefix=NO_ORPHAN,
         parameters=[time] if time else [], ros_arguments=["--log-level", given["log_level"]],
     )  # fmt: skip

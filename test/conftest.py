@@ -22,6 +22,7 @@ from rosbags.rosbag2 import Reader
 from threadpoolctl import threadpool_limits
 
 from inductrack_ros.nodes.domain import claim_domain
+from inductrack_ros.nodes.ending import NO_ORPHAN
 
 _domain = claim_domain()  # before any import of rclpy reads the environment; held until the tests end
 os.environ["ROS_LOG_DIR"] = tempfile.mkdtemp(prefix="inductrack_ros_log_")
@@ -126,7 +127,8 @@ def newest_in(bag: Path) -> dict[str, int]:
 
 
 class Process:
-    """One node in a process of its own. Signals go to it and to all that it started, as from a terminal."""
+    """One node in a process of its own, which ends with who runs the tests. Signals go to it and to all that it
+    started, as from a terminal."""
 
     def __init__(self, what: str, *args: str, folder: Path) -> None:
         number = len(list(folder.glob("*.log")))
@@ -135,7 +137,11 @@ class Process:
         command = [sys.executable, what] if what.endswith(".py") else [str(BIN / what)]
         with self._log.open("w") as log:
             self._process = subprocess.Popen(
-                [*command, *args], stdout=log, stderr=subprocess.STDOUT, cwd=folder, start_new_session=True
+                [*NO_ORPHAN.split(), *command, *args],
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                cwd=folder,
+                start_new_session=True,
             )
 
     @property

@@ -203,6 +203,17 @@ def test_a_rig_without_one_of_its_parts_ends(ros, launched, dies):
     assert gone(processes(launch).values()) and "was required" in launch.output
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_launch_that_is_killed_leaves_nobody_behind(ros, launched, number):
+    """`ros2 launch` ends at once on SIGTERM, as a container sends it, and leaves to their fate what it started."""
+    launch = launched("bag:=run monitor:=true")
+    ros.wait(lambda: list((ros.folder / "run").glob("*.mcap")), "something in the bag")
+    os.kill(launch.pid, number)
+    launch.wait()
+    wait_until(lambda: gone(processes(launch).values()), "the end of what was started")
+    assert read_bag(ros.folder / "run", {"pose": "/inductrack/pose"}).times.size
+
+
 def test_ctrl_c_reaches_a_node_twice_and_it_ends_clean(launched):
     """A terminal tells the nodes, and launch tells them again, while their interpreters exit."""
     launch = launched("drive:=pulses monitor:=true")

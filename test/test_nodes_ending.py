@@ -9,13 +9,14 @@ import os
 import re
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from conftest import BIN, PATIENCE, wait_until
 from rosbags.rosbag2 import Reader
 
-from inductrack_ros.nodes.ending import HELD_BACK
+from inductrack_ros.nodes.ending import HELD_BACK, NO_ORPHAN
 
 #: A node whose middleware hangs for ever where it is told to, inside C and with the interpreter's lock held or not.
 HANGS = """
@@ -147,6 +148,24 @@ def opened(gate: Path) -> bool:
         assert error.errno == errno.ENXIO, error  # nobody reads
         return False
     return True
+
+
+STARTER = (
+    "import subprocess, sys; started = subprocess.Popen(sys.argv[1:]); print(started.pid, flush=True); started.wait()"
+)
+
+
+def test_a_node_ends_with_the_process_that_started_it(tmp_path):
+    """A launch or a script that is killed has no time to end what it started, which once went on for hours."""
+    with (tmp_path / "log").open("w") as log:
+        starter = subprocess.Popen(
+            [sys.executable, "-c", STARTER, *NO_ORPHAN.split(), BIN / "sim"], stdout=subprocess.PIPE, stderr=log
+        )
+    node = Path("/proc", starter.stdout.readline().decode().strip())
+    wait_until(lambda: b"setpriv" not in (node / "cmdline").read_bytes(), "a node in the place of setpriv")
+    starter.kill()
+    starter.communicate()
+    wait_until(lambda: not node.exists() or ") Z " in (node / "stat").read_text(), "the end of the node")
 
 
 @pytest.mark.parametrize("node", ["sim", "track_controller"])

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from inductrack_ros.nodes.domain import claim_domain
+from inductrack_ros.nodes.ending import NO_ORPHAN
 
 RATE = 1000
 TOPIC = "/inductrack/pose"
@@ -36,7 +37,10 @@ class Node:
         listener.heard.clear()
         self.began = time.monotonic()
         self.process = subprocess.Popen(
-            [*map(str, command)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | environment
+            [*NO_ORPHAN.split(), *map(str, command)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | environment,
         )
 
     def __enter__(self) -> Node:

@@ -21,6 +21,9 @@ SIGNALS = signal.SIGINT, signal.SIGTERM
 #: A command that starts the command after it with Ctrl-C held back until `Stop.listen`. Else a Ctrl-C in the first half
 #: second kills the interpreter, with a traceback or with −2.
 HELD_BACK = "env --block-signal=INT"
+#: A command that starts the command after it and ends it, with SIGTERM, once the process that started it is gone.
+#: Else a node lives on after a launch or a script that was killed.
+NO_ORPHAN = "setpriv --pdeathsig TERM"
 GRACE = 2.0  # s that the middleware gets to say good-bye to others, who else believe for 20 s that the node is there
 PATIENCE = 10.0  # s that a node gets after a signal to come back from a call of the middleware
 
