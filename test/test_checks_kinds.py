@@ -459,13 +459,36 @@ def currents(campaign, *factors):
         ((10, 10, 10), IMPOSSIBLE, "times what accelerates the cradle"),
         ((1, 1, 0.1), IMPOSSIBLE, "in c alone of 3 runs drive_current (360 A) is"),
         ((2, 2, 2), WARNING, "drive_current (14000, 10000 and 7200 A) is 2"),
-        ((1, 2**0.5, 1), WARNING, "effective value"),
-        ((1, 0, 1), WARNING, "accelerated as by"),
+        ((0.5, 0.5, 0.5), WARNING, "a fit that may move gamma takes 7."),
+        ((1, 2**0.5, 1), IMPOSSIBLE, "effective value"),
+        ((1, 2, 1), IMPOSSIBLE, "in b alone of 3 runs drive_current (10000 A) is 2"),
+        ((1, 0, 1), IMPOSSIBLE, "accelerated as by"),
     ],
 )
 def test_a_current_that_does_not_accelerate_as_measured_is_named(factors, severity, words, pose, model):
     (found,) = look(currents(pose, *factors), model)
     assert (found.channel, found.severity) == ("drive_current", severity) and words in found.line
+
+
+def test_runs_said_to_coast_that_are_driven_are_named(pose, model):
+    """No track falls like that."""
+    found = look(currents(pose, 0, 0, 0), model)
+    assert [f.severity for f in found] == 3 * [IMPOSSIBLE] and all("was the drive on" in f.remedy for f in found)
+
+
+def test_a_drive_that_weakens_with_the_speed_is_no_wrong_current(model):
+    """The fastest run may have the weakest drive."""
+    starts = [{"surge_rate": v, "sway": 2e-3, "heave": model.equilibrium_heave(v)} for v in (16.0, 20.0, 28.0)]
+    rig = flown(list(zip((7000.0, 6000.0, 5000.0), starts, strict=True)), POSE, 301, 2e-3)
+    (found,) = look(currents(rig, 1, 1, 1.8), model)
+    assert (found.channel, found.severity, found.run) == ("drive_current", WARNING, "c")
+
+
+def test_a_coasting_run_that_is_said_to_be_driven_is_named(model):
+    start = {"surge_rate": 24.0, "sway": 2e-3, "heave": -5e-3}
+    rig = flown([(7000.0, start), (0.0, start), (5000.0, start)], POSE, 301, 2e-3)
+    (found,) = look(of_run(rig, "b", lambda run: replace(run, drive_current=3500.0)), model)
+    assert (found.severity, found.run) == (IMPOSSIBLE, "b") and "drive_current (3500 A) does nothing" in found.line
 
 
 def test_runs_that_have_each_others_current_are_named(pose, model):

@@ -176,6 +176,26 @@ BROKEN = {
         "runs:\n- {file: run_00.csv, drive_current: 0, conditions: {drive_current: 1}}",
         "drive_current stands beside file",
     ),
+    "a run's key beside the runs": (
+        "runs:\n- file: run_00.csv\ndrive_current: 0\n",
+        "line 3: unknown key 'drive_current'; it belongs to a run: indent it",
+    ),
+    "no blank behind a colon": ("runs:\n- {file:run_00.csv, drive_current: 0}\n", "put a blank behind the colon"),
+    "a decimal comma": ("runs:\n- {file: run_00.csv, drive_current: 0,5}\n", "a decimal point, not a comma"),
+    "a pattern": ("runs:\n- {file: 'run_*.csv', drive_current: 0}\n", r"not filled in \(run_00.csv, run_01.csv, …\)"),
+    "a pattern of nothing": ("runs:\n- {file: 'x*.csv', drive_current: 0}\n", r"\(it matches nothing\); give each run"),
+    "a path of Windows": (
+        "runs:\n- {file: .\\run_00.csv, drive_current: 0}\n",
+        "write / between folders: ./run_00.csv",
+    ),
+    "a drive of Windows": (
+        "runs:\n- {file: 'D:\\a\\run_00.csv', drive_current: 0}\n",
+        "a path of Windows; copy the file",
+    ),
+    "a home": ("runs:\n- {file: ~/run_00.csv, drive_current: 0}\n", "write the path out"),
+    "of another machine": ("runs:\n- {file: /no/run_00.csv, drive_current: 0}\n", "write its path on this machine"),
+    "other letters": ("runs:\n- {file: Run_00.CSV, drive_current: 0}\n", "no such file; did you mean 'run_00.csv'"),
+    "no suffix": ("runs:\n- {file: run_01, drive_current: 0}\n", "no such file; did you mean 'run_01.csv'"),
     "name a list": (RUNS + "name: [a]\n", "name must be text"),
 }
 
@@ -210,3 +230,10 @@ def test_what_is_no_campaign(tmp_path):
         load_campaign(tmp_path)
     with pytest.raises(InputError):
         load_campaign("a\0b")
+
+
+@pytest.mark.parametrize("name", ["campaign.yml", "Campaign.yaml", "campaign.yaml.txt"])
+def test_a_campaign_under_another_name_is_named(folder, name):
+    (folder / name).write_text(RUNS)
+    with pytest.raises(InputError, match=f"rename {name}"):
+        load_campaign(folder)

@@ -33,6 +33,10 @@ BEHIND = {
     "the end, in words": ("End of file\n", "1 row behind the data left out: 'End of file'"),
     "the end, in quotes": ('"*** END OF DATA ***"\n', "1 row behind"),
     "of a database": ("(3 rows affected)\n", "1 row behind"),
+    "with points, behind cells without anything": (
+        ",,\n,,\nAverage,0.9,-0.004\nStd. dev.,0.1,0.0001\nStandardabweichung,0.1,0.0001\n",
+        "3 rows behind the data left out: 'Average', 'Std. dev.', 'Standardabweichung'",
+    ),
     "a name alone": ("Average,,\n", "1 row behind the data left out: 'Average'"),
 }
 
@@ -50,7 +54,9 @@ def test_a_bad_time_in_the_last_row_is_no_summary(tmp_path):
         read(tmp_path, PLAIN + "abc,0.1,-0.004\n")
 
 
-@pytest.mark.parametrize("word", ["OVER", "ol", "Overflow", "******", "No Data", "ERROR", "Invalid"])
+@pytest.mark.parametrize(
+    "word", ["OVER", "ol", "Overflow", "******", "No Data", "ERROR", "Invalid", "#WERT!", "#DIV/0!", "#¡VALOR!", "####"]
+)
 def test_cells_in_which_an_instrument_says_that_it_reads_nothing(tmp_path, plain, word):
     run = read(tmp_path, PLAIN.replace(",,", f",{word},"))
     assert np.array_equal(run.values, plain.values, equal_nan=True)
@@ -156,3 +162,39 @@ def test_samples_know_their_rows(tmp_path):
     file.write_text("# made by hand\ntime;heave\n\n0;1\n# here\n0,2;3\n0,1;2\n0,1;2\n\n0,3;4\n")
     run = read_csv(file)
     assert run["heave"].tolist() == [1, 2, 3, 4] and run.numbers.tolist() == [4, 7, 6, 10]
+
+
+def test_rows_that_begin_like_comments_are_said(tmp_path, plain):
+    """A cell too narrow for its time is written as signs of numbers."""
+    first, second, *rest = PLAIN.splitlines(keepends=True)
+    run = read(tmp_path, "".join([first, second, "########,0.2,-0.004\n", "# all is well\n", *rest]))
+    assert np.array_equal(run.times, plain.times)
+    assert run.notes == ("1 row that begins like a comment, with as many cells as the others, left out",)
+
+
+def test_numbers_that_a_spreadsheet_is_made_to_keep(tmp_path, plain):
+    head, *rows = PLAIN.splitlines()
+    kept = [",".join(f'="{cell}"' if cell else "" for cell in row.split(",")) for row in rows]
+    assert np.array_equal(read(tmp_path, "\n".join([head, *kept]) + "\n").values, plain.values, equal_nan=True)
+
+
+def test_blanks_around_commas_do_not_separate(tmp_path, plain):
+    """Though by them alone more of the names are known."""
+    head, *rows = PLAIN.splitlines()
+    table = [f"{head.replace(',', ' , ')} , Surge Rate Raw , Roll Angle (deg)", *(f"{row},0.1,0.2" for row in rows)]
+    run = read(tmp_path, "\n".join(table) + "\n")
+    assert run.channels == plain.channels and np.array_equal(run.values, plain.values, equal_nan=True)
+
+
+def test_a_time_in_two_columns_is_named(tmp_path):
+    with pytest.raises(
+        InputError, match="two columns: write 'header.stamp.sec' . 1e-9 . 'header.stamp.nanosec' as one"
+    ):
+        read(tmp_path, "header.stamp.sec,header.stamp.nanosec,surge\n1700000000,0,0.1\n1700000000,2000000,0.2\n")
+
+
+def test_a_channel_that_is_read_as_an_input_is_said(tmp_path):
+    (tmp_path / "run.csv").write_text(PLAIN)
+    run = read_csv(tmp_path / "run.csv", inputs={"drive_current": "surge"})
+    assert "surge" not in run.channels
+    assert "column 'surge' is read as the input drive_current, not as the channel surge" in run.notes

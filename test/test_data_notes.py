@@ -41,5 +41,4 @@ def test_what_a_campaign_gives_and_no_run_asks_for(tmp_path):
         "noise_std of gap_top is not used: no run has that channel",
         "topics: is not used: no run is a bag",
         "input 'wind' is in no run",
-        "c holds the same samples as a, which so count twice: list one of them",
     )

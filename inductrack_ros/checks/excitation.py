@@ -47,7 +47,9 @@ def excitation(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Find
     still = [
         c
         for c in COORDINATES
-        if c in channels and 0.0 < channels[c].spread < levels.MOVES * max(channels[c].noise, channels[c].step / 3.5)
+        if c in channels
+        and channels[c].every <= levels.SLOWEST
+        and 0.0 < channels[c].spread < levels.MOVES * max(channels[c].noise, channels[c].step / 3.5)
     ]
     if not still:
         return []

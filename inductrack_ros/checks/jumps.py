@@ -21,6 +21,8 @@ BESIDE = 5
 PART, LEFT = 0.3, 0.5
 #: A jump is this many times as far as the samples beside it would go in its time, and this many times their noise.
 CLEAR, OVER_NOISE = 6.0, 10.0
+#: Jumps that differ by less than this part are of one length, that of a counter's range.
+ALIKE = 0.2
 #: Samples within which a channel that jumps back was lost for a while.
 SOON = 64
 
@@ -117,12 +119,13 @@ def _jump(channel: str, found: list[tuple[Run, int, float]]) -> Finding:
         f"{channel} jumps by {quantity(channel, size)} behind {place(run, i)}, and goes on from there{again}: no cradle"
         " moves so"
     )
-    turns = channel == "roll" and abs(abs(size) - 2 * np.pi) < 0.1
-    remedy = (
-        "the angle is wrapped at a full turn; unwrap it, or choose a range with its rest in the middle"
-        if turns
-        else "its zero was moved or counts were lost: correct the later samples, or make two runs of it"
-    )
+    remedy = "its zero was moved or counts were lost: correct the later samples, or make two runs of it"
+    sizes = np.abs([s for _, _, s in found])
+    if channel == "roll" and abs(abs(size) - 2 * np.pi) < 0.1:
+        remedy = "the angle is wrapped at a full turn; unwrap it, or choose a range with its rest in the middle"
+    elif len(found) > 1 and np.ptp(sizes) < ALIKE * sizes.min():
+        length = quantity(channel, float(np.median(sizes)))
+        remedy = f"a counter or converter that wraps at {length}? Add or take off its range at each of these places"
     behind = as_samples({run.name: np.arange(i + 1, min(i + 1 + BESIDE, len(run.times)))})
     size_of = {"jump": size, "count": len(found)}
     return Finding("value_jump", IMPOSSIBLE, text, remedy, channel, run.name, behind, size_of)

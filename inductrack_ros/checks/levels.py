@@ -89,6 +89,8 @@ STEP_MATTERS = 1.0
 NOISE_IMPOSSIBLE = 30.0
 #: From here on it is said.
 NOISE_DIFFERS = 1.5
+#: Samples further apart (s) do not tell noise from a cradle's motion, which goes up to some 20 Hz.
+SLOWEST = 0.025
 #: Estimates by a line and by a cubic through the neighbours agree to this factor where what they see is noise and not
 #: motion.
 SAME_NOISE = 1.3
@@ -102,6 +104,10 @@ UNIT = 3.0
 SCALE = 1.3
 #: Correlation from which on a slope means anything.
 ALIKE = 0.9
+#: Runs of one rig need currents that differ from the stated ones by one factor, to this; and speeds as near are alike.
+ONE_CURRENT = 1.15
+#: No track falls so steeply: a push of more than this part of the weight, where no drive was on.
+PUSH = 0.5
 #: A speed (m/s) that is surely one, and one that no cradle has.
 MOVING, FASTEST = 1.0, 300.0
 #: So many times the room that the track leaves is outside of it, whatever the sensors' zeros.
@@ -117,8 +123,8 @@ MOVES = 6.5
 HOTTEST = 200.0
 #: Values of a run for each number that is free in it (its initial state), below which any model would fit.
 VALUES_FOR_EACH = 2
-#: A named factor is meant where the one found is this near to it.
-NEAR = 1.35
+#: A named factor is meant where the one found is this near to it; at any size it is where it is as near as EXACTLY.
+NEAR, EXACTLY = 1.35, 1.03
 #: What the model leaves of the motion: above BAD the channels do not belong to it, below GOOD they do. Of surge, whose
 #: noise is small beside its motion, clean campaigns leave 0.19 at most, of the others 0.5.
 BAD, BAD_SURGE, GOOD = 0.7, 0.4, 0.35

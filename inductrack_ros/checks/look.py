@@ -12,6 +12,7 @@ from ..core.errors import InputError
 from ..core.model import Model
 from ..data import Campaign, Run
 from .clocks import clocks
+from .copies import copies
 from .excitation import excitation, too_few
 from .filled import filled
 from .finding import SET_ASIDE, Finding, impossible, worst_first
@@ -47,6 +48,8 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     found += (stuck := held(campaign))
     campaign = set_aside(campaign, stuck)
     channels = channels_of(campaign)
+    found += (twice := copies(campaign, channels))
+    campaign = set_aside(campaign, twice)
     if torn := interleaved(campaign, channels) + wraps(campaign):
         return worst_first(_causes_only(found + torn))
     found += (hung := hangs(campaign, campaign if touch is None else touch.calm(campaign), channels))
@@ -141,6 +144,7 @@ def _without(run: Run, findings: list[Finding]) -> Run:
 def _causes_only(findings: list[Finding]) -> list[Finding]:
     """Without findings that another one explains: a wrong unit makes the noise differ and the rates not fit."""
     units = {f.channel for f in findings if f.kind in ("unit", "zero") and "slope" not in f.size}
+    rates = {f.channel for f in impossible(findings) if f.kind == "unit"}
     flipped = {c for f in findings if f.kind == "axis_flipped" for c in f.size.get("candidates", ())}
     time = any(f.kind == "time_unit" for f in findings)
     jumped = {f.channel for f in findings if f.kind == "value_jump"}
@@ -152,7 +156,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
         explained = (
             (
                 f.kind == "noise_differs"
-                and (f.channel in units | apart or (late and f.channel == "surge" and f.size["ratio"] > 1))
+                and (f.channel in units | rates | apart or (late and f.channel == "surge" and f.size["ratio"] > 1))
             )
             or (f.kind == "unit" and "slope" in f.size and (time or whole in units or f.channel in units))
             or (f.kind == "sign" and whole in flipped)

@@ -31,6 +31,7 @@ class Channel:
     - step: what its readings are whole multiples of, 0 where no step shows
     - low, middle, high: the median is ``middle``; 98 % of the samples lie between the two others
     - count: number of samples
+    - every: s, the usual time between two of them
     """
 
     noise: float
@@ -41,6 +42,7 @@ class Channel:
     middle: float
     high: float
     count: int
+    every: float = 0.0
 
     @property
     def spread(self) -> float:
@@ -50,7 +52,7 @@ class Channel:
     @property
     def resolved(self) -> bool:
         """Whether what neighbours do not predict is noise rather than motion between the samples."""
-        return self.smooth <= levels.SAME_NOISE * self.noise
+        return self.every <= levels.SLOWEST and self.smooth <= levels.SAME_NOISE * self.noise
 
 
 def channels_of(campaign: Campaign) -> Mapping[str, Channel]:
@@ -76,9 +78,9 @@ def _channel(campaign: Campaign, channel: str) -> Channel:
         left = lines
     reaches = tuple(map(spread, missed)) if missed.size else (np.inf,) * len(missed)
     step = step_of(np.concatenate([y[:READINGS] for _, y in runs]))
-    return Channel(
-        spread(left), reaches, spread(lines), step, float(low), float(middle), float(high), sum(len(y) for _, y in runs)
-    )
+    steps = [np.median(np.diff(t)) for t, _ in runs if len(t) > 1]
+    sizes = spread(left), reaches, spread(lines), step, float(low), float(middle), float(high)
+    return Channel(*sizes, sum(len(y) for _, y in runs), float(np.median(steps)) if steps else 0.0)
 
 
 def step_of(readings: Array) -> float:

@@ -108,17 +108,18 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
             if hint
             else "all channels are in SI units; convert one of the two"
         )
-        severity = WARNING if 1 / levels.UNIT < slope < levels.UNIT else IMPOSSIBLE
+        exactly = _in_unit(whole, derivative, 1 / slope, levels.EXACTLY)  # no sensor's scale is off by just that
+        severity = WARNING if 1 / levels.UNIT < slope < levels.UNIT and not exactly else IMPOSSIBLE
         return [Finding("unit", severity, text, remedy, derivative, size=size)]
     return _late(runs, whole, derivative, (a, b, late)) if order == 1 else []
 
 
-def _in_unit(whole: str, derivative: str, ratio: float) -> str:
-    """Which of the two is in which unit where the derivative is ``ratio`` times as large as it should be; empty for
-    none."""
-    if hint := meant(ratio, UNITS[derivative]):
+def _in_unit(whole: str, derivative: str, ratio: float, near_to: float = levels.NEAR) -> str:
+    """Which of the two is in which unit where the derivative is ``ratio`` times as large as it should be, to the factor
+    ``near_to``; empty for none."""
+    if hint := meant(ratio, UNITS[derivative], near_to):
         return f"{derivative} in {hint} instead of {UNITS[derivative]}"
-    if hint := meant(1 / ratio, UNITS[whole]):
+    if hint := meant(1 / ratio, UNITS[whole], near_to):
         return f"{whole} in {hint} instead of {UNITS[whole]}"
     return ""
 

@@ -14,8 +14,8 @@ from ..core.state import COORDINATES, GAPS
 from ..data import Campaign
 from . import levels
 from .apart import of_some
-from .balance import WINDOWS, Reading, Windows, bad, misfits, needed_current, stops, total, windows_of
-from .current import drive
+from .balance import SWINGING, WINDOWS, Reading, Windows, bad, misfits, needed_current, stops, total, windows_of
+from .current import against_others, drive, stated_currents
 from .finding import IMPOSSIBLE, WARNING, Finding, number, of_a_bag, shared
 from .noise_found import READINGS, Channel
 
@@ -50,7 +50,8 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
     def alone(one: Campaign) -> list[Finding]:
         return _read(one, channels, model, most)
 
-    return of_some(campaign, _read(campaign, channels, model), alone, telling=_counts)
+    found = of_some(campaign, _read(campaign, channels, model), alone, telling=_counts)
+    return against_others(campaign, channels, model, most, found)
 
 
 def _counts(finding: Finding) -> bool:
@@ -62,6 +63,7 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
     """Findings about readings that runs share."""
     windows = windows_of(campaign, channels, most)
     now, found = _by_range(campaign, model, windows)
+    found = [_or_counts(f, campaign, windows, model, now) for f in found]
     found += _with_gravity(campaign, model)
     if windows is None or any(f.kind == "zero" and f.channel in windows.values for f in found):
         return found or _backwards(campaign, model)
@@ -72,7 +74,8 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
         if not bad(left):
             break
         wanted = needed_current(windows, model) if bad(left) == ["surge"] and now == Reading() else None
-        tried = [(name, reading, misfits(windows, model, reading)) for name, reading in _others(now, windows, wanted)]
+        others = _others(now, windows, left, wanted)
+        tried = [(name, reading, misfits(windows, model, reading)) for name, reading in others]
         tried = [t for t in tried if _explains(left, t[2])]
         if not tried:
             break
@@ -202,6 +205,31 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
     return now, found
 
 
+def _or_counts(finding: Finding, campaign: Campaign, windows: Windows | None, model: Model, now: Reading) -> Finding:
+    """The finding about a unit, which is none where the readings are whole numbers that no unit brings to where the
+    forces are: then they are a converter's or an encoder's."""
+    channel = finding.channel
+    if finding.kind not in ("unit", "zero") or channel is None or not _whole_numbers(campaign, channel):
+        return finding
+    if (
+        windows is not None
+        and "factor" in finding.size
+        and misfits(windows, model, now).get(channel, 2.0) < levels.GOOD
+    ):
+        return finding
+    remedy = (
+        "the readings are whole numbers, and no unit makes them move as the forces say: are they raw counts? Subtract"
+        f" their zero, and multiply by what one count is in {'rad' if channel == 'roll' else 'm'}"
+    )
+    return replace(finding, remedy=remedy, size={k: v for k, v in finding.size.items() if k != "factor"})
+
+
+def _whole_numbers(campaign: Campaign, channel: str) -> bool:
+    """Whether every reading of a channel is a whole number, and not all are 0."""
+    parts = [run.samples(channel)[1] for run in campaign.runs if channel in run.channels]
+    return all(bool((y == np.rint(y)).all()) for y in parts) and any(y.any() for y in parts)
+
+
 def _travelling(campaign: Campaign, room: Mapping[str, float]) -> Finding | None:
     """Sway or heave that goes on as a travel does, far out of its room, while surge stays within it."""
     for channel in ("sway", "heave"):
@@ -282,9 +310,17 @@ def _unit(campaign: Campaign, channel: str, text: str, factor: float, unit: str,
     return Finding("unit", IMPOSSIBLE, text, remedy, channel, size={**size, "factor": factor})
 
 
-def _others(now: Reading, windows: Windows, wanted: float | None) -> Iterator[tuple[str, Reading]]:
-    """Readings that change one thing. The current has no other unit where what is ``wanted`` of it is not so far
-    off."""
+def _others(
+    now: Reading, windows: Windows, left: Mapping[str, float], wanted: float | None
+) -> Iterator[tuple[str, Reading]]:
+    """Readings that change one thing, but no channel that belongs as it is; ``left`` is how far each is off. One of
+    sway and roll is off where the other is flipped. The current has no other unit, and was not off, where what is
+    ``wanted`` of it is not so far off."""
+
+    def fits(channel: str) -> bool:
+        twins = SWINGING if channel in SWINGING else (channel,)
+        return all(left.get(c, np.inf) < levels.GOOD for c in twins)
+
     if now.time == 1.0:
         for factor, unit in _TIMES:
             yield f"time in {unit}", replace(now, time=factor)
@@ -292,14 +328,16 @@ def _others(now: Reading, windows: Windows, wanted: float | None) -> Iterator[tu
         for factor, unit in _CURRENTS:
             if wanted is None or not 1 / levels.UNIT < wanted < levels.UNIT:
                 yield f"drive_current in {unit}", replace(now, current=factor)
+        if wanted is None or not 1 / levels.UNIT < wanted < levels.UNIT:
+            yield "drive_current off", replace(now, current=0.0)
     for channel in windows.values:
-        if channel in now.channels or channel not in (*COORDINATES, *GAPS):
+        if channel in now.channels or channel not in (*COORDINATES, *GAPS) or fits(channel):
             continue
         yield f"{channel} flipped", now.times(channel, -1.0)
         for factor, unit in _ANGLE if channel == "roll" else _LENGTH:
             yield f"{channel} in {unit}", now.times(channel, factor)
     for pair in () if now.swapped else SWAPS:
-        if set(pair) <= windows.values.keys():
+        if set(pair) <= windows.values.keys() and not all(map(fits, pair)):
             yield f"{pair[0]} and {pair[1]} swapped", replace(now, swapped=pair)
 
 
@@ -327,6 +365,10 @@ def _finding(campaign: Campaign, names: list[str], factor: float, size: Mapping[
             pair.split()[0],
             size={**size, "candidates": pair.split(" and ")},
         )
+    if "drive_current off" in names:
+        text = f"{stated_currents(campaign)} does nothing: the cradle coasts as measured"
+        remedy = "was the drive off? Then drive_current is 0; or is it another run's?"
+        return Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", size={**size, "factor": 0.0})
     if what == "time":
         step = float(np.median(np.diff(campaign.runs[0].times)))
         text = f"time is in {unit}: with a sample every {number(step)} s nothing would fly as it does"
@@ -334,9 +376,8 @@ def _finding(campaign: Campaign, names: list[str], factor: float, size: Mapping[
         remedy = f"time is in seconds; {named}divide it by {1 / factor:g}"
         return Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": 1 / factor})
     if what == "drive_current":
-        stated = shared([f"{run.drive_current:g}" for run in campaign.runs])
         text = (
-            f"drive_current ({stated} A) is {number(1 / factor)} times what accelerates the cradle as measured: it"
+            f"{stated_currents(campaign)} is {number(1 / factor)} times what accelerates the cradle as measured: it"
             f" seems to be in {unit}"
         )
         return Finding(

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -27,6 +26,7 @@ from .campaign_keys import (
     RUN_KEYS,
     Section,
     exists,
+    looked_for,
     read_conditions,
     read_dof,
     read_free,
@@ -154,7 +154,7 @@ def load_campaign(folder: str | Path, gravity: float = frames.GRAVITY) -> Campai
         model=read_model(mapping, file.parent),
         free=read_free(mapping),
         dof=read_dof(mapping),
-        remarks=tuple(_unused(runs, noise_std, reading) + _alike(runs)),
+        remarks=tuple(_unused(runs, noise_std, reading)),
         limits=read_limits(mapping),
         sharpen=read_sharpen(mapping),
     )
@@ -173,18 +173,6 @@ def _unused(runs: tuple[Run, ...], noise_std: Mapping[str, float], reading: _Rea
     return lines + [f"input '{name}' is in no run" for name in reading.inputs if name not in held]
 
 
-def _alike(runs: tuple[Run, ...]) -> list[str]:
-    """A word for runs that hold the same samples: what is counted twice seems surer than it is."""
-    first: dict[bytes, str] = {}
-    lines: list[str] = []
-    for run in runs:
-        key = hashlib.sha256(run.times.tobytes() + np.nan_to_num(run.values).tobytes()).digest()
-        if key in first:
-            lines.append(f"{run.name} holds the same samples as {first[key]}, which so count twice: list one of them")
-        first.setdefault(key, run.name)
-    return lines
-
-
 def _content(file: Path) -> Any:
     if not exists(file.parent):
         raise InputError(f"{file.parent}: no such folder; a campaign is a folder with {FILE}")
@@ -192,7 +180,9 @@ def _content(file: Path) -> Any:
         line = f"runs: [{{file: {file.parent.name}, drive_current: 7000.0}}]"
         raise InputError(f"{file.parent}: is one run; write a {FILE} beside it, `{line}`, and name the folder of both")
     if not exists(file) or file.is_dir():
-        raise InputError(f"{file}: no such file; a campaign is a folder with {FILE} in it")
+        others = sorted(p.name for p in file.parent.glob("*") if "campaign" in p.name.lower() or p.suffix == ".yml")
+        meant = f"; rename {others[0]}?" if others else ""
+        raise InputError(f"{file}: no such file; a campaign is a folder with {FILE} in it{meant}")
     content = read_yaml(file, aliases=True)
     if content is None:
         raise InputError(f"{file}: empty; it needs at least `runs:` with a file and a drive_current for each")
@@ -227,7 +217,7 @@ def _runs(folder: Path, mapping: Section, reading: _Reading) -> tuple[Run, ...]:
     for section in sections:
         file = folder / section.text("file")
         if not exists(file):
-            raise section.error("file", f"{file}: no such file; the path is relative to the campaign's folder")
+            raise section.error("file", f"{file}: no such file; {looked_for(folder, section.text('file'))}")
         if file.resolve() in [f.resolve() for f in files]:
             raise section.error("file", f"{file} is listed twice; delete one")
         files.append(file)

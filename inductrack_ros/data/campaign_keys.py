@@ -6,7 +6,9 @@ python -m inductrack_ros.data.campaign_keys         prints the table of docs/cam
 
 from __future__ import annotations
 
+import contextlib
 import math
+import re
 import reprlib
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -106,7 +108,7 @@ class Section:
             if names is None and (not isinstance(key, str) or not key.strip()):
                 raise self.error(key, f"{shown(key)} is no name; put it in quotes")
             if names is not None and key not in names:
-                raise self.error(key, f"unknown key {shown(key)}{did_you_mean(str(key), names)}")
+                raise self.error(key, f"unknown key {shown(key)}{_as_meant(key, names)}")
 
     def __contains__(self, key: str) -> bool:
         return key in self.content
@@ -149,6 +151,43 @@ class Section:
         if not isinstance(value, str) or not value.strip():
             raise self.error(key, f"{key} must be text, not {shown(value)}; put it in quotes")
         return value
+
+
+def _as_meant(key: Any, names: tuple[str, ...]) -> str:
+    """What may have been meant by a key that none of the ``names`` is."""
+    name, colon, _ = str(key).partition(":")
+    if colon and name in names:
+        return "; put a blank behind the colon"
+    if not isinstance(key, str):
+        return "; a number needs a decimal point, not a comma"
+    if "runs" in names and key in RUN_KEYS:
+        return "; it belongs to a run: indent it as far as the run's file"
+    return did_you_mean(key, names)
+
+
+def looked_for(folder: Path, name: str) -> str:
+    """What to do about a run's ``file`` that is not there."""
+    plain = name.replace("\\", "/")
+    if name.startswith("~") or "$" in name:
+        return "the home folder and variables are not filled in; write the path out"
+    if re.search(r"[*?]|\[.+\]", name):
+        with contextlib.suppress(ValueError, OSError, NotImplementedError):
+            found = sorted(str(p.relative_to(folder)) for p in folder.glob(plain))
+            matched = f" ({', '.join(found[:3])}, …)" if found else " (it matches nothing)"
+            return f"patterns are not filled in{matched}; give each run its own entry"
+    if plain != name and re.match("[A-Za-z]:", name):
+        return "a path of Windows; copy the file here and name it from the campaign's folder"
+    if plain != name and exists(folder / plain):
+        return f"write / between folders: {plain}"
+    if Path(name).is_absolute():
+        return "write its path on this machine, or from the campaign's folder"
+    there = folder / Path(plain).parent
+    with contextlib.suppress(OSError, ValueError):
+        names = sorted(p.name for p in there.iterdir() if p.name != "campaign.yaml")
+        wanted = Path(plain.strip("“”‘’'\"")).name.lower()
+        if near := [n for n in names if wanted in (n.lower(), Path(n).stem.lower())]:
+            return f"did you mean '{Path(plain).parent / near[0]}'?"
+    return "the path is relative to the campaign's folder"
 
 
 def shown(value: Any) -> str:

@@ -17,6 +17,12 @@ NO_READING = (
     "over overflow overrange overload ovld ol ofl under underflow invalid error err bad fault open nodata".split()
 )
 NO_READING += ["no data", "over range", "out of range", "bad input", *("*" * n for n in range(1, 25))]
+#: What spreadsheets write in the place of a number, in their languages.
+NO_READING += (
+    "#div/0! #value! #ref! #num! #name? #null! #spill! #calc! #getting_data #nv #wert! #bezug! #zahl! #leer! #überlauf!"
+    " #valeur! #nombre! #nom? #nul! #valor! #¡valor! #¡div/0! #¡ref! #¡num! #¿nombre? #n/d #nome? #valore! #rif!"
+    " #waarde! #verw! #getal! #naam? #n/b #arg! #adr! #liczba!"
+).split() + ["#" * n for n in range(2, 25)]
 #: Between cells, the likelier first; a blank stands for any number of blanks and tabs.
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENT = re.compile(r"\s*(#|%|//)")

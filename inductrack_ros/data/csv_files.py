@@ -27,9 +27,9 @@ from .measurement import Array, Run
 from .order import Place, in_order
 
 _NUMBERS = b"0123456789+-.,;|\t\n\r eEnNaA"
-_NO_READING = re.compile(rb"(?i)\b(?:" + b"|".join(w.encode() for w in NO_READING if w[0] != "*") + rb")\b|\*")
-#: Further cells that say "not measured", as spreadsheets and people write it.
-EMPTY = ("-", "--", "---", "?", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?")
+_NO_READING = re.compile(rb"(?i)\b(?:" + b"|".join(w.encode() for w in NO_READING if w[0] not in "*#") + rb")\b|[*#]")
+#: Further cells that say "not measured", as people write it.
+EMPTY = ("-", "--", "---", "?")
 
 
 def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str] | None = None) -> Run:

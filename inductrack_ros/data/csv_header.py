@@ -140,6 +140,8 @@ def _header(row: int, text: str, end: int, stated: str, inputs: dict[str, str]) 
     rows = []
     for separator in [stated] if stated else SEPARATORS:
         names = split(text, separator)
+        if separator == " " and any(name in SEPARATORS for name in names):  # blanks stand around what separates
+            continue
         known: dict[str, tuple[int, str]] = {}
         for place, name in enumerate(names):
             base, unit = known_name(name)

@@ -107,6 +107,9 @@ def _judge(
             scale = any_factor(unit) or 1.0
             name = INPUT + wanted.pop(asked)
             columns[name] = Column(place, name, header, scale, unit)
+            if (channel := known_name(header)[0]) in CHANNELS:
+                as_input = f"is read as the input {name.removeprefix(INPUT)}"
+                notes.append(f"column {shown(header)} {as_input}, not as the channel {channel}")
         elif name not in (TIME, *CHANNELS) or header != name and name in exact:
             left.append((place, header))
         elif name in columns:
@@ -123,6 +126,9 @@ def _judge(
     if TIME not in columns:
         blanks = "; columns must be separated by commas, semicolons, tabs or blanks" if len(names) == 1 else ""
         meant = f"name the column that holds it so ({_there_are(names)})" if len(names) > 1 else "add it"
+        if whole := next((n for n in names if re.search(r"(?i)(^|[._ /])secs?(onds)?$", n)), ""):
+            if part := next((n for n in names if re.search(r"(?i)n(ano)?secs?(onds)?$", n)), ""):
+                meant = f"it stands in two columns: write {shown(whole)} + 1e-9 × {shown(part)} as one"
         raise InputError(f"{where}: column '{TIME}' is missing, the time of each row in seconds; {meant}{blanks}")
     if len(columns) == 1:
         raise InputError(

@@ -19,8 +19,9 @@ from .csv_layout import Layout
 TAIL = 40
 #: What a spreadsheet or a logger calls the rows behind its data.
 SUMMARIES = (
-    "mean average avg mittelwert moyenne std stdev stddev sd sigma var variance rms min minimum max maximum median sum"
-    " summe total count n range end eof"
+    "mean average avg mittelwert mittel moyenne media promedio gemiddelde std stdev stddev stdabw standard"
+    " standardabweichung ecart sd sigma var variance varianz rms rmse min minimum max maximum median sum summe somme"
+    " suma total count anzahl n range peak end ende eof"
 ).split()
 
 
@@ -32,6 +33,10 @@ def rows_of_data(file: Path, data: bytes, layout: Layout, notes: list[str]) -> b
         body = re.sub(layout.header, b"", body)  # a logger that was started again writes its header again
         notes.append(f"{again} more header{'' if again == 1 else 's'} between the rows left out")
     if re.search(rb"(?m)^[ \t]*(#|%|//)", body):
+        said = [line.count(separator) == layout.cells - 1 for line in re.findall(rb"(?m)^[ \t]*(?:#|%|//).*$", body)]
+        if separator != b" " and (rows := sum(said)):
+            some = "1 row that begins" if rows == 1 else f"{rows} rows that begin"
+            notes.append(f"{some} like a comment, with as many cells as the others, left out")
         body = re.sub(rb"(?m)^[ \t]*(#|%|//).*$", b"", body)
     if separator == b" ":
         body = _without_blanks(body.replace(b"\t", b" ")).replace(b" ", b"\t")
@@ -62,8 +67,8 @@ def _without_tail(body: bytes, layout: Layout, notes: list[str]) -> bytes:
         if not start or number(cell, layout.decimal) is not None or number(cell) is not None or is_time(cell):
             break
         words = [c for c in cells if re.search(r"[^\W\d]", c)]
-        first = words[0].strip(" :.=").lower() if words else ""
-        summary = first in SUMMARIES or first.partition(" ")[0] in SUMMARIES
+        first = re.search(r"[^\W\d_]+", words[0]) if words else None
+        summary = first is not None and first[0].lower() in SUMMARIES
         if not words or not summary and (len(cells) == layout.cells or any(number(c) is not None for c in cells)):
             break
         left.append(next(c for c in cells if c))

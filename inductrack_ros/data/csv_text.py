@@ -68,6 +68,7 @@ def read_text(file: Path, notes: list[str]) -> bytes:
             " again"
         )
     data = data if data.endswith(b"\n") else data + b"\n"
+    data = data.replace(b'="', b'"')  # a number as a spreadsheet is made to keep it: ="1.20"
     if data.startswith(b'"') and _QUOTED_ROWS.fullmatch(data):
         data = data.replace(b'"', b"")
     return _joined(data) if b'"' in data else data
