@@ -121,7 +121,7 @@ def test_runs_flown_alike_are_no_copies(noise, model):
             ),
         )
     hum = 20 * NOISE["heave"] * np.sin(2 * np.pi * 50.0 * flight.runs[0].times)
-    for campaign in (flight, changed(flight, "heave", lambda y: y + hum, "abcd")):
+    for campaign in (flight, changed(flight, "heave", lambda y: y + noise * hum, "abcd")):
         for digits in (9, 4, 3):
             coarse = replace(campaign, runs=tuple(replace(r, values=np.round(r.values, digits)) for r in campaign.runs))
             assert not [f for f in look(coarse, model) if f.kind == "copied"]

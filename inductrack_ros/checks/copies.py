@@ -18,7 +18,7 @@ from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, number, place, shared
-from .local import deviations
+from .local import deviations, spread
 from .noise_found import READINGS, Channel, step_of
 
 #: Samples in a row, of which this part is found again in order, before it is called a copy.
@@ -28,6 +28,8 @@ LAID, OTHERS = 4096, 64
 #: What rounding leaves, in steps of the digits: half a step of each, and a little. What is rounded is a whole number of
 #: them, to this part of one.
 ROUNDING, ROUNDED = 0.6, 1e-3
+#: Noise of so many digits tells one measurement from another.
+OVER = 2.0
 #: Part of the shorter run that a copy holds from which on that run is left out as a whole.
 WHOLE = 0.9
 
@@ -189,8 +191,9 @@ def _laid_over(
     line = np.stack([a - a.mean(), np.ones(count)], axis=1)
     factor, zero = np.linalg.lstsq(line, b, rcond=None)[0]
     digits = abs(factor) * _digits(a) + _digits(b) + 1e-9 * spans[1]
-    if np.abs(b - line @ (factor, zero)).max() > ROUNDING * digits or digits > spans[1] / COPY:
-        return None
+    noise = abs(factor) * spread(deviations(np.arange(count, dtype=float), a))
+    if np.abs(b - line @ (factor, zero)).max() > ROUNDING * digits or not noise > OVER * digits:
+        return None  # what is smooth to its digits is alike by its physics
     rows = np.arange(first, first + count)
     return _Copy(rows, rows + shift, float(factor))
 
