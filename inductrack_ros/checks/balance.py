@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import stats
 
 from ..core.model import Model
 from ..core.state import COORDINATES, GAPS, RATES
@@ -23,6 +24,9 @@ from .noise_found import Channel
 WINDOWS, FEWEST, PLACES, HALVES = 160, 8, 9, (4, 8, 16, 32, 64)
 #: The change of speed over a window is to be this many times its noise.
 CLEAR = 8.0
+#: A factor is told from 1 where it is so many standard errors off, for it is one of many that are looked at. So many
+#: neighbouring windows share samples.
+SURE, OVERLAP = 6.0, 4
 #: Coordinates whose swing decides how long a window is: heave has its weight besides, surge goes on.
 SWINGING = ("sway", "roll")
 #: Nearer to the track than this part of the nominal gap a window is left out: contact is stiffer than the data are
@@ -170,7 +174,7 @@ def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float
 
 def needed_current(windows: Windows, model: Model) -> float | None:
     """What the drive current must be multiplied by so that surge changes its speed as measured; None where the windows
-    do not show it."""
+    do not show it, for what each of them says scatters too widely to tell the factor from 1."""
     motion = _motion(windows, model, Reading())
     if "surge" not in motion.coordinates:
         return None
@@ -181,7 +185,11 @@ def needed_current(windows: Windows, model: Model) -> float | None:
     rows = (windows.current != 0.0) & (should[1] != should[0])
     if rows.sum() < FEWEST:
         return None
-    return float(np.median(((motion.change("surge") - should[0]) / (should[1] - should[0]))[rows])) or None
+    of_each = ((motion.change("surge") - should[0]) / (should[1] - should[0]))[rows]
+    factor = float(np.median(of_each))
+    scatter = np.median(np.abs(of_each - factor)) / stats.norm.ppf(0.75)
+    error = np.sqrt(0.5 * np.pi * OVERLAP / len(of_each)) * scatter  # of a median
+    return factor or None if abs(factor - 1.0) > SURE * error else None
 
 
 def _off(
