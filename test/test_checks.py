@@ -59,10 +59,16 @@ def measured(channels: tuple[str, ...] = POSE, count: int = 301, step: float = 2
 
 
 def flown(
-    starts: list[tuple[float, dict[str, float]]], channels: tuple[str, ...], count: int, step: float, seed: int = 1
+    starts: list[tuple[float, dict[str, float]]],
+    channels: tuple[str, ...],
+    count: int,
+    step: float,
+    seed: int = 1,
+    model: Model | None = None,
 ) -> Campaign:
-    """Runs named a, b, … of the package's own model with white noise, each from a drive current and states."""
-    model, rng = Model.default(), np.random.default_rng(seed)
+    """Runs named a, b, … of a model, the package's own or another, with white noise, each from a drive current and
+    states."""
+    model, rng = model or Model.default(), np.random.default_rng(seed)
     runs, times = [], np.arange(count) * step
     for name, (current, states) in zip("abcdefgh", starts, strict=False):
         flight = model.simulate(times, model.initial_state(**states), current, further=True)

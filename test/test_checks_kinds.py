@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_checks import IMPACTS, POSE, changed, flown, kinds, measured
+from test_checks import IMPACTS, NOISE, POSE, changed, flown, kinds, measured
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look
 from inductrack_ros.checks.check import check
@@ -492,8 +492,20 @@ def test_a_coasting_run_that_is_said_to_be_driven_is_named(model):
 
 
 def test_runs_that_have_each_others_current_are_named(pose, model):
+    """Of the slowest run the drive might just be stronger."""
     found = look(currents(pose, 3600 / 7000, 1, 7000 / 3600), model)
-    assert [(f.kind, f.channel, f.run) for f in found] == [("unlike", "drive_current", run) for run in "ac"]
+    assert {(f.run, f.severity) for f in found} == {("a", WARNING), ("c", IMPOSSIBLE)}
+    assert {(f.kind, f.channel) for f in found} == {("unlike", "drive_current")}
+
+
+@pytest.mark.parametrize("current", [3500.0, 2500.0, 1800.0])
+def test_a_force_that_all_runs_lack_is_no_wrong_current(current, model):
+    """As a part of its current each run lacks another share."""
+    rig = Model.create(effects={"track_inductance": {"relative_change": -0.25}})
+    flights = [(7000.0, 22.0), (6500.0, 22.5), (0.0, 21.0), (current, 22.2)]
+    starts = [(i, {"surge_rate": v, "sway": 2e-3, "heave": rig.equilibrium_heave(v)}) for i, v in flights]
+    (found,) = look(flown(starts, POSE, 121, 2.5e-3, model=rig), model)
+    assert (found.severity, found.channel) == (WARNING, "surge") and "pushed backwards besides" in found.text
 
 
 def test_a_noise_of_one_run_that_is_in_another_unit_is_named(pose, model):
@@ -545,3 +557,59 @@ def test_an_accelerometer_that_felt_no_pulse_is_the_same_one():
     runs = [replace(r, pulses=one if r.name == "c" else many) for r in felt.runs]
     found = look(replace(felt, runs=tuple(runs)), Model.create(drive="pulses"))
     assert not [f for f in found if f.kind == "noise_differs"]
+
+
+# ---------------------------------------------------------------- before a run begins
+
+
+def held(campaign, count, pull=0.0, step=2e-3):
+    """Its runs begin with ``count`` samples at rest, let go at once or pulled off in ``pull`` seconds."""
+
+    def one(run):
+        rng, first = np.random.default_rng(ord(run.name)), run.values[0]
+        speed = (run["surge"][20] - run["surge"][0]) / (20 * step)
+        off = np.linspace(0.0, 1.0, round(pull / step), endpoint=False)
+        begin = np.repeat(first[None], count + len(off), axis=0)
+        begin[count:, 0] += 0.5 * speed * pull * off**2
+        begin += [NOISE[c] for c in run.channels] * rng.standard_normal(begin.shape)
+        rest = run.values + (0.5 * speed * pull) * (np.arange(len(run.channels)) == 0)
+        times = np.arange(len(begin) + len(rest)) * step
+        return replace(run, times=times, stamps=times, values=np.concatenate([begin, rest]))
+
+    return replace(campaign, runs=tuple(map(one, campaign.runs)))
+
+
+@pytest.mark.parametrize("count", [5, 40, 1000])
+def test_a_run_begins_where_the_cradle_is_let_go(count, pose, model):
+    used, findings = admit(held(pose, count), model)
+    (found,) = [f for f in findings if f.kind == "rest"]
+    assert (found.severity, found.size["count"]) == (SET_ASIDE, 3 * count)
+    assert f"first {count} samples" in found.text and "(and so b and c)" in found.text
+    for mine, clean in zip(used.runs, pose.runs, strict=True):
+        assert np.array_equal(mine.values, clean.values) and mine.times[0] == 0.0
+
+
+def test_what_pulls_the_cradle_off_belongs_to_the_run(pose, model):
+    (found,) = [f for f in look(held(pose, 250, pull=0.2), model) if f.kind == "rest"]
+    assert all(200 < len(rows) <= 252 for rows in found.samples.values())
+
+
+@pytest.mark.parametrize("channels", [POSE, ("surge_rate", "heave")])
+def test_a_run_that_begins_slowly_or_moves_evenly_was_not_held(channels, model):
+    """From rest under a steady pull; and at the speed at which drive and drag are in balance."""
+    rig = flown([(7000.0, {"surge_rate": 16.1})], channels, 301, 2e-3)
+    assert not [f for f in look(rig, model) if f.kind == "rest"]
+    (run,) = rig.runs
+    k = 0 if "surge" in channels else None
+    values = run.values.copy()
+    times = run.times
+    values[:, 0] = (4.0 * times**2 if k == 0 else 8.0 * times) + 5e-4 * np.random.default_rng(2).standard_normal(301)
+    slow = replace(rig, runs=(replace(run, values=values),))
+    assert not [f for f in look(slow, model) if f.kind == "rest"]
+
+
+def test_a_cradle_that_waits_for_its_pulses_is_no_rest(pose, model):
+    """A model waits for them as well."""
+    pulses = Pulses(np.array([0.5]), np.array([3]), np.array([7000.0]))
+    waiting = replace(held(pose, 250), runs=tuple(replace(r, pulses=pulses) for r in held(pose, 250).runs))
+    assert not [f for f in look(waiting, model) if f.kind == "rest"]

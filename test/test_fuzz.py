@@ -371,13 +371,13 @@ def _run_command(command: str, folder: Path, times: np.ndarray) -> tuple[int, st
     )
     gc.collect()
     Path("/proc/self/clear_refs").write_text("5")  # forget the height so far
-    before = _resident("VmRSS")
+    before = resident("VmRSS")
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
         status = cli.main([command, str(rig), "--output", str(folder / "out")])
-    return status, said.getvalue(), _resident("VmHWM") - before
+    return status, said.getvalue(), resident("VmHWM") - before
 
 
-def _resident(name: str) -> int:
+def resident(name: str) -> int:
     line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(name))
     return 1024 * int(line.split()[1])
 

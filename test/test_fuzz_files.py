@@ -6,25 +6,31 @@ In the tests 260 inputs; `make fuzz`, nightly, 6,500.
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import shutil
+import struct
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
+import lz4.frame
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin
 from test_data_bags import EPOCH, GOOD, POINT, STORE, gap, imu, point, pose, record, twist
 from test_data_odd_bags import sqlite_bag
-from test_fuzz import fuzz, one_line_or_a_result, sound
+from test_fuzz import fuzz, one_line_or_a_result, resident, sound
 
 from inductrack_ros.core.cache import cache_folder
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.data import read_bag, read_csv
+from inductrack_ros.data.mcap_salvage import zstd
 from inductrack_ros.nodes.log_folder import LOGS, log_somewhere
 from inductrack_ros.terminal import speak_to_any_terminal
 
@@ -117,6 +123,101 @@ def test_an_input_out_of_a_bag(tmp_path, field, messages):
     with one_line_or_a_result():
         found = read_bag(bag, inputs={"current": f"/bus:{field}"}).inputs["current"]
         assert all(np.isfinite(column).all() for column in found)
+
+
+#: What the same work differs by from one time to the next (bytes).
+SLACK = 8 * 2**20
+#: Messages of a bag that is large enough for what it takes to be seen.
+MANY = 30_000
+#: Numbers that a damaged length may say.
+LENGTHS = st.sampled_from([0, 1, 2**15, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63, 2**64 - 1])
+
+
+@pytest.fixture(scope="module")
+def good_bags(tmp_path_factory) -> dict[str, bytes]:
+    """Storage files of one run by kind: plain, in chunks that are packed, as a database."""
+    folder = tmp_path_factory.mktemp("good")
+    run = [pose(EPOCH + i * 2_000_000, (0.03 * i, 0.01, -0.005, 0.002)) for i in range(MANY)]
+    made = {
+        "mcap": record(folder / "mcap", {GOOD: run}),
+        "db3": record(folder / "db3", {GOOD: run}, StoragePlugin.SQLITE3),
+    }
+    found = {kind: next(bag.glob(f"*.{kind}")).read_bytes() for kind, bag in made.items()}
+    return found | {"zstd": chunked(found["mcap"], "zstd"), "lz4": chunked(found["mcap"], "lz4")}
+
+
+def chunked(whole: bytes, compression: str) -> bytes:
+    """The records of an MCAP in packed chunks of 1 MB, without an index, as a recorder that was killed leaves them."""
+    pack = {"zstd": zstd.compress, "lz4": lz4.frame.compress}[compression]
+    records = [struct.pack("<BQ", kind, len(content)) + content for kind, content in records_of(whole)]
+    inner = [r for r in records if r[0] in (3, 4, 5)]
+    chunks, size = [], 1 + 2**20 // (len(whole) // len(inner))
+    for first in range(0, len(inner), size):
+        data = b"".join(inner[first : first + size])
+        packed, name = pack(data), compression.encode()
+        head = struct.pack("<QQQII", 0, 2**63, len(data), 0, len(name)) + name + struct.pack("<Q", len(packed))
+        chunks.append(struct.pack("<BQ", 6, len(head) + len(packed)) + head + packed)
+    return whole[:8] + b"".join([r for r in records if r[0] == 1]) + b"".join(chunks)
+
+
+def records_of(whole: bytes) -> Iterator[tuple[int, bytes]]:
+    """Kind and content of the records of an MCAP, those inside chunks that are not packed too."""
+    at = 8
+    while at + 9 <= len(whole) - 8:
+        kind, length = struct.unpack_from("<BQ", whole, at)
+        content = whole[at + 9 : at + 9 + length]
+        if kind == 6:
+            name = struct.unpack_from("<I", content, 28)[0]
+            assert name == 0, "packed"
+            yield from records_of(bytes(8) + content[40:] + bytes(8))
+        else:
+            yield kind, content
+        at += 9 + length
+
+
+def memory_of(bag: Path) -> int:
+    """What reading a bag takes at its height (bytes)."""
+    gc.collect()
+    Path("/proc/self/clear_refs").write_text("5")  # forget the height so far
+    before = resident("VmRSS")
+    with one_line_or_a_result():
+        sound(read_bag(bag))
+    return resident("VmHWM") - before
+
+
+@fuzz(8)
+@given(data=st.data(), kind=st.sampled_from(["mcap", "db3", "zstd", "lz4"]))
+def test_no_bag_takes_more_than_twice_the_memory_of_a_good_one(tmp_path, good_bags, data, kind):
+    """Cut, with other bytes, with lengths that say anything, packed again, with metadata that promise anything."""
+    whole = good_bags[kind]
+    suffix = ".db3" if kind == "db3" else ".mcap"
+    bag = tmp_path / "run"
+    good = 0
+    for _ in range(2):  # the first time imports
+        shutil.rmtree(bag, ignore_errors=True)
+        bag.mkdir()
+        (bag / f"run_0{suffix}").write_bytes(whole)
+        good = memory_of(bag)
+    content = bytearray(whole)
+    near = st.integers(0, 400) | st.integers(-400, -9) | st.integers(0, len(whole) - 9)
+    for place in data.draw(st.lists(near, max_size=4)):
+        width = data.draw(st.sampled_from([1, 4, 8]))
+        number = data.draw(LENGTHS) % 2 ** (8 * width)
+        place %= len(content)
+        content[place : place + width] = number.to_bytes(width, data.draw(st.sampled_from(["little", "big"])))
+    if data.draw(st.booleans()):
+        content = content[: data.draw(st.integers(0, len(content)))]
+    target = bag / f"run_0{suffix}"
+    if data.draw(st.integers(0, 3)) == 0:
+        target.unlink()
+        target, content = bag / f"run_0{suffix}.zstd", bytearray(zstd.compress(bytes(content)))
+    target.write_bytes(content)
+    if data.draw(st.integers(0, 3)) == 0:
+        promised = data.draw(LENGTHS)
+        (bag / "metadata.yaml").write_text(
+            f"rosbag2_bagfile_information:\n  message_count: {promised}\n  relative_file_paths: [{target.name}]\n"
+        )
+    assert memory_of(bag) <= 2 * good + SLACK
 
 
 # ---- tables ---------------------------------------------------------------------------------------------------------

@@ -24,8 +24,8 @@ from .noise_found import Channel
 WINDOWS, FEWEST, PLACES, HALVES = 160, 8, 9, (4, 8, 16, 32, 64)
 #: The change of speed over a window is to be this many times its noise.
 CLEAR = 8.0
-#: A factor is told from 1 where it is so many standard errors off, for it is one of many that are looked at. So many
-#: neighbouring windows share samples.
+#: Two currents differ where they are so many standard errors apart, for they are two of many that are looked at. So
+#: many neighbouring windows share samples.
 SURE, OVERLAP = 6.0, 4
 #: Coordinates whose swing decides how long a window is: heave has its weight besides, surge goes on.
 SWINGING = ("sway", "roll")
@@ -172,24 +172,40 @@ def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float
     return found
 
 
-def needed_current(windows: Windows, model: Model) -> float | None:
+def needed_factor(windows: Windows, model: Model) -> float | None:
     """What the drive current must be multiplied by so that surge changes its speed as measured; None where the windows
     do not show it, for what each of them says scatters too widely to tell the factor from 1."""
+    current = needed_currents(windows, model)
+    if current is None:
+        return None
+    known = ~np.isnan(current) & (windows.current != 0.0)
+    if known.sum() < FEWEST:
+        return None
+    factor, error = middle(current[known] / windows.current[known])
+    return factor or None if abs(factor - 1.0) > SURE * error else None
+
+
+def needed_currents(windows: Windows, model: Model) -> Array | None:
+    """(w,) The drive current (A) that changes surge's speed as measured in each window, NaN where a current does
+    nothing; None where surge is not measured."""
     motion = _motion(windows, model, Reading())
     if "surge" not in motion.coordinates:
         return None
-    should = [
-        _change(motion.times, _evaluate(windows, model, Reading(current=k), motion)["surge_acceleration"])
+    one = replace(windows, current=np.ones_like(windows.current))
+    none, ampere = (
+        _change(motion.times, _evaluate(one, model, Reading(current=k), motion)["surge_acceleration"])
         for k in (0.0, 1.0)
-    ]
-    rows = (windows.current != 0.0) & (should[1] != should[0])
-    if rows.sum() < FEWEST:
-        return None
-    of_each = ((motion.change("surge") - should[0]) / (should[1] - should[0]))[rows]
-    factor = float(np.median(of_each))
-    scatter = np.median(np.abs(of_each - factor)) / stats.norm.ppf(0.75)
-    error = np.sqrt(0.5 * np.pi * OVERLAP / len(of_each)) * scatter  # of a median
-    return factor or None if abs(factor - 1.0) > SURE * error else None
+    )
+    does = ampere != none
+    lacks = motion.change("surge") - none
+    return np.divide(lacks, ampere - none, out=np.full(len(lacks), np.nan), where=does)
+
+
+def middle(values: Array) -> tuple[float, float]:
+    """Median over windows, and its standard error: also forces that the model lacks make windows differ."""
+    median = float(np.median(values))
+    scatter = float(np.median(np.abs(values - median)) / stats.norm.ppf(0.75))
+    return median, scatter * float(np.sqrt(0.5 * np.pi * OVERLAP / len(values)))
 
 
 def _off(

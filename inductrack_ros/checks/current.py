@@ -15,8 +15,9 @@ import numpy as np
 
 from ..core.model import Model
 from ..data import Campaign
+from ..data.measurement import Array
 from . import levels
-from .balance import Reading, Windows, bad, misfits, needed_current, windows_of
+from .balance import FEWEST, SURE, Reading, Windows, bad, middle, misfits, needed_currents, needed_factor, windows_of
 from .finding import IMPOSSIBLE, WARNING, Finding, number, shared
 from .noise_found import Channel
 
@@ -32,7 +33,7 @@ def drive(campaign: Campaign, windows: Windows, model: Model, left: Mapping[str,
     coasting = not windows.current.any()
     if coasting:  # the factor of one ampere is the current
         windows = replace(windows, current=np.ones_like(windows.current))
-    factor = needed_current(windows, model)
+    factor = needed_factor(windows, model)
     if factor is None:
         return []
     then = misfits(windows, model, Reading(current=factor))
@@ -40,11 +41,23 @@ def drive(campaign: Campaign, windows: Windows, model: Model, left: Mapping[str,
         return []
     size = {"off": dict(left), "then": dict(then), "factor": factor, "explains": ["surge"]}
     if coasting:
-        push = _thrust(windows, model, factor) / model.parameters["gravity"]
         text = f"drive_current is 0, where the cradle is accelerated as by {number(factor)} A"
-        severity = IMPOSSIBLE if push > levels.PUSH else WARNING
-        return [Finding("unlike", severity, text, "was the drive on?", "drive_current", size=size)]
-    return [_finding(stated_currents(campaign), size, model)]
+        found = Finding("unlike", IMPOSSIBLE, text, "was the drive on?", "drive_current", size=size)
+        return [judged(found, replace(windows, current=np.zeros_like(windows.current)), model)]
+    return [judged(_finding(stated_currents(campaign), size, model), windows, model)]
+
+
+def judged(finding: Finding, windows: Windows, model: Model) -> Finding:
+    """The finding about the drive current as a warning, where a steep track and a magnetic drag that is some times the
+    model's push as much as the current that is lacked."""
+    stated = float(np.median(windows.current[windows.current != 0.0])) if windows.current.any() else 0.0
+    lacked = (finding.size["factor"] - 1.0) * stated if stated else finding.size["factor"]
+    state = model.initial_state(surge_rate=abs(float(np.median(_speeds(windows)))))
+    driven, coasts = (model.quantities(state, drive_current=c) for c in (lacked, 0.0))
+    push = abs(driven["surge_acceleration"] - coasts["surge_acceleration"])
+    drag = coasts["magnetic_drag"] / model.parameters["mass"]
+    possible = (1.0 - 1.0 / levels.UNIT) * drag + levels.STEEP * model.parameters["gravity"]
+    return replace(finding, kind="unlike", severity=WARNING) if push < possible else finding
 
 
 def stated_currents(campaign: Campaign) -> str:
@@ -52,77 +65,122 @@ def stated_currents(campaign: Campaign) -> str:
     return f"drive_current ({shared([f'{run.drive_current:g}' for run in campaign.runs if run.drive_current])} A)"
 
 
-def _thrust(windows: Windows, model: Model, current: float) -> float:
-    """Acceleration (m/s²) that a current gives at the windows' mean speed."""
-    speed = _speed(windows)
-    state = model.initial_state(surge_rate=abs(speed))
-    with_it, without = (model.quantities(state, drive_current=c)["surge_acceleration"] for c in (current, 0.0))
-    return abs(with_it - without)
-
-
-def _speed(windows: Windows) -> float:
-    """Median speed (m/s) in the windows."""
+def _speeds(windows: Windows) -> Array:
+    """(w,) Speed (m/s) in each window."""
     if "surge" not in windows.values:
-        return float(np.median(windows.values["surge_rate"]))
+        return np.median(windows.values["surge_rate"], axis=1)
     travel, times = windows.values["surge"], windows.times
-    return float(np.median((travel[:, -1] - travel[:, 0]) / (times[:, -1] - times[:, 0])))
+    return (travel[:, -1] - travel[:, 0]) / (times[:, -1] - times[:, 0])
 
 
 @dataclass(frozen=True)
-class _Driven:
-    """By which factor a run's current is too small, and how fast the run is (m/s)."""
+class _Moved:
+    """A run's stated current (A), and in windows of it the current that moves it and its speed (m/s), (w,) each."""
 
-    factor: float
-    speed: float
+    stated: float
+    currents: Array
+    speeds: Array
+
+    @property
+    def needed(self) -> float:
+        """Median of the currents."""
+        return float(np.median(self.currents))
+
+    def would(self, stated: float) -> list[tuple[float, float]]:
+        """What another run of a ``stated`` current needs if it lacks what this one does, with standard errors: if that
+        is a force; if it is a part of the drive."""
+        needed, error = middle(self.currents)
+        lacked = stated + needed - self.stated, error
+        if self.stated == 0.0:
+            return [lacked]
+        part = stated / self.stated
+        return [lacked, (part * needed, abs(part) * error)]
 
 
 def against_others(
     campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int, findings: list[Finding]
 ) -> list[Finding]:
-    """The findings about some runs' drive current, held against what the other runs need: a factor of all is said once;
-    one that runs have alone, at no other speed than the rest, is no property of the rig."""
-    mine = [f for f in findings if f.channel == "drive_current" and f.severity == WARNING and f.size["factor"] > 0.0]
+    """The findings about some runs' drive current, held against what the other runs need: a factor or a force that all
+    lack is said once; what no other run of that speed lacks is no property of the rig."""
+    mine = [f for f in findings if f.channel == "drive_current" and f.severity == WARNING]
     if not mine or len(campaign.runs) == 1:
         return findings
-    driven = _driven(campaign, channels, model, most)
-    factors = [d.factor for d in driven.values()]
+    moved = _moved(campaign, channels, model, most)
     rest = [f for f in findings if f not in mine]
     said_off = {run.name for run in campaign.runs if run.drive_current == 0.0}
-    shared_by_all = len(factors) > 1 and min(factors) > 0.0 and max(factors) < levels.ONE_CURRENT * min(factors)
-    if shared_by_all and not any(said_off & set(f.size.get("runs", ())) for f in mine):
-        size = {**mine[0].size, "factor": float(np.median(factors)), "runs": list(driven)}
-        return [*rest, _finding(stated_currents(campaign), size, model)]
-    return [*rest, *(_apart(f, driven) for f in mine)]
+    if not any(said_off & set(f.size.get("runs", ())) for f in mine):
+        driven = {name: m for name, m in moved.items() if m.stated}
+        factors = [m.needed / m.stated for m in driven.values()]
+        if _alike(factors, levels.ONE_CURRENT) and min(factors) > 0.0:
+            size = {**mine[0].size, "factor": float(np.median(factors)), "runs": list(driven)}
+            return [*rest, replace(_finding(stated_currents(campaign), size, model), severity=WARNING)]
+        lacks = [m.needed - m.stated for m in driven.values()]
+        if _alike(lacks, levels.SCALE):
+            return [*rest, _force(float(np.median(lacks)), list(driven))]
+    return [*rest, *(_apart(f, moved) for f in mine)]
 
 
-def _driven(campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int) -> dict[str, _Driven]:
-    """What is known of the current of each run that is said to be driven."""
+def _alike(values: list[float], most: float) -> bool:
+    """Whether several values are one to the factor ``most``."""
+    sizes = np.abs(values)
+    return len(values) > 1 and abs(sum(np.sign(values))) == len(values) and sizes.max() < most * sizes.min()
+
+
+def _force(lacked: float, runs: list[str]) -> Finding:
+    """A force like that of ``lacked`` A, whatever the currents are."""
+    where = "forwards" if lacked > 0.0 else "backwards"
+    text = (
+        f"at each of the currents the cradle is pushed {where} besides, about as hard as {number(abs(lacked))} A would"
+        " push"
+    )
+    remedy = "a drag or a slope that the model lacks, or other magnets or coils, rather than a wrong drive_current"
+    return Finding("unlike", WARNING, text, remedy, "surge", size={"lacked_current": lacked, "runs": runs})
+
+
+def _moved(campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int) -> dict[str, _Moved]:
+    """What is known of the current that moves each run, also of those that coast."""
     found = {}
     for run in campaign.runs:
-        windows = windows_of(replace(campaign, runs=(run,)), channels, most) if run.drive_current else None
-        factor = None if windows is None or windows.pulsed else needed_current(windows, model)
-        if windows is not None and factor is not None:
-            found[run.name] = _Driven(factor, _speed(windows))
+        windows = windows_of(replace(campaign, runs=(run,)), channels, most)
+        currents = None if windows is None or windows.pulsed else needed_currents(windows, model)
+        if windows is None or currents is None:
+            continue
+        known = ~np.isnan(currents)
+        if known.sum() >= FEWEST:
+            found[run.name] = _Moved(float(np.median(windows.current)), currents[known], _speeds(windows)[known])
     return found
 
 
-def _apart(finding: Finding, driven: Mapping[str, _Driven]) -> Finding:
-    """The finding as one that cannot be so, where the other runs have one factor, these another, and speed explains it
-    not: a drive that weakens with the speed gives the faster runs less."""
+def _apart(finding: Finding, moved: Mapping[str, _Moved]) -> Finding:
+    """The finding as one that cannot be so, where nothing that the other runs lack explains it: no force and no part of
+    the drive, nor one that grows or falls with the speed."""
     runs = finding.size.get("runs", ())
-    odd = [driven[name] for name in runs if name in driven]
-    others = [d for name, d in driven.items() if name not in runs]
-    if not odd or not others or min(d.factor for d in (*odd, *others)) <= 0.0:
-        return finding
-    least, most = (pick(d.factor for d in others) for pick in (min, max))
-    slowest, fastest = (pick(d.speed for d in others) for pick in (min, max))
-    too_much = all(d.factor > levels.SCALE * most and d.speed > slowest / levels.ONE_CURRENT for d in odd)
-    too_little = all(levels.SCALE * d.factor < least and d.speed < fastest * levels.ONE_CURRENT for d in odd)
-    alike = most < levels.ONE_CURRENT * least
-    if not (alike and (too_much or too_little)):
+    odd = [moved[name] for name in runs if name in moved]
+    others = [m for name, m in moved.items() if name not in runs]
+    if not odd or not all(_unexplained(m, others) for m in odd):
         return finding
     remedy = finding.remedy.partition(" (")[0] + "; the other runs move as theirs says"
     return replace(finding, severity=IMPOSSIBLE, remedy=remedy)
+
+
+def _unexplained(odd: _Moved, others: list[_Moved]) -> bool:
+    """Whether a run surely needs another current than if it lacked what any of the others lacks, by more than a
+    sensor's scale may be off. Only what it does at speeds that the others have counts."""
+    speeds = np.concatenate([m.speeds for m in others] or [np.empty(0)])
+    reach = (min(speeds, default=np.inf), max(speeds, default=-np.inf))
+    as_fast = (odd.speeds > reach[0] / levels.ONE_CURRENT) & (odd.speeds < reach[1] * levels.ONE_CURRENT)
+    if as_fast.sum() < FEWEST:
+        return False
+    needed, uncertain = middle(odd.currents[as_fast])
+    explained = [e for m in others for e in m.would(odd.stated)]
+    apart = [needed - current for current, _ in explained]
+    return (min(apart) > 0.0 or max(apart) < 0.0) and all(
+        abs(needed - current)
+        > max(
+            SURE * np.hypot(uncertain, error), (1.0 - 1.0 / levels.SCALE) * max(abs(current), abs(needed), odd.stated)
+        )
+        for current, error in explained
+    )
 
 
 def _finding(stated: str, size: Mapping[str, Any], model: Model) -> Finding:

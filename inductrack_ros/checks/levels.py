@@ -106,8 +106,8 @@ SCALE = 1.3
 ALIKE = 0.9
 #: Runs of one rig need currents that differ from the stated ones by one factor, to this; and speeds as near are alike.
 ONE_CURRENT = 1.15
-#: No track falls so steeply: a push of more than this part of the weight, where no drive was on.
-PUSH = 0.5
+#: No track falls so steeply: it pushes with this part of the weight.
+STEEP = 0.5
 #: A speed (m/s) that is surely one, and one that no cradle has.
 MOVING, FASTEST = 1.0, 300.0
 #: So many times the room that the track leaves is outside of it, whatever the sensors' zeros.

@@ -27,6 +27,7 @@ from .outliers import fillers, outliers
 from .pairs import pairs
 from .readings import readings
 from .repeats import repeats
+from .rest import rest
 from .sensors import held, sensors
 from .stated import stated
 from .touch import Touch
@@ -41,6 +42,8 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     touch = None if model is None else Touch.of(model)
     found = clocks(campaign)
     campaign = set_aside(campaign, found)
+    found += (before := rest(campaign))
+    campaign = set_aside(campaign, before)
     found += (again := repeats(campaign))
     campaign = set_aside(campaign, again)
     found += (fill := fillers(campaign, touch))

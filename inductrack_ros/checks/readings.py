@@ -14,8 +14,8 @@ from ..core.state import COORDINATES, GAPS
 from ..data import Campaign
 from . import levels
 from .apart import of_some
-from .balance import SWINGING, WINDOWS, Reading, Windows, bad, misfits, needed_current, stops, total, windows_of
-from .current import against_others, drive, stated_currents
+from .balance import SWINGING, WINDOWS, Reading, Windows, bad, misfits, needed_factor, stops, total, windows_of
+from .current import against_others, drive, judged, stated_currents
 from .finding import IMPOSSIBLE, WARNING, Finding, number, of_a_bag, shared
 from .noise_found import READINGS, Channel
 
@@ -73,7 +73,7 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
     for _ in range(MOST):
         if not bad(left):
             break
-        wanted = needed_current(windows, model) if bad(left) == ["surge"] and now == Reading() else None
+        wanted = needed_factor(windows, model) if bad(left) == ["surge"] and now == Reading() else None
         others = _others(now, windows, left, wanted)
         tried = [(name, reading, misfits(windows, model, reading)) for name, reading in others]
         tried = [t for t in tried if _explains(left, t[2])]
@@ -83,7 +83,9 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
         tried.sort(key=lambda t: total(t[2], among))
         _, reading, then = tried[0]
         alike = [name for name, _, f in tried if total(f, among) < total(then, among) + TWINS]
-        found.append(_finding(campaign, alike, _factor(now, reading), {"off": left, "then": then}))
+        finding = _finding(campaign, alike, _factor(now, reading), {"off": left, "then": then})
+        chance = finding.size.get("factor") == 0.0 and (wanted is None or abs(wanted) > levels.EXACTLY - 1.0)
+        found.append(judged(finding, windows, model) if chance else finding)
         now, left = reading, then
     return found if found else drive(campaign, windows, model, left) or _unlike(left)
 
