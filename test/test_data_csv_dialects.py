@@ -392,8 +392,8 @@ def test_rows_in_another_order_and_repeated(tmp_path):
     run = read(tmp_path, "time,heave\n0,0\n0.2,2\n0.1,1\n0.1,1\n0.3,3\n")
     assert run["heave"].tolist() == [0, 1, 2, 3]
     assert run.notes == (
-        "2 rows filed out of order sorted by their stamps",
         "1 row that repeats another exactly left out",
+        "1 row filed out of order sorted by their stamps",
     )
 
 

@@ -271,6 +271,14 @@ def test_exact_repeats_are_dropped(tmp_path):
     assert len(run.times) == 4 and "1 message on /inductrack/pose that repeats another exactly left out" in run.notes
 
 
+def test_a_recording_that_was_played_in_a_loop_counts_once(tmp_path):
+    """What `ros2 bag play --loop` publishes has the stamps of the first time; the last turn was cut off."""
+    whole = poses(400)
+    run = read_bag(record(tmp_path / "run", {GOOD: [*whole, *whole, *whole[:37]]}))
+    assert len(run.times) == 400
+    assert "437 messages on /inductrack/pose that repeat another exactly left out" in run.notes
+
+
 def test_stamps_before_the_clock_ran(tmp_path):
     run = read_bag(record(tmp_path / "bag", {GOOD: [pose(0), *poses(4)]}))
     assert len(run.times) == 4

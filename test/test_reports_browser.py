@@ -13,12 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import LONG
+from test_checks import changed, measured, put
+from test_checks_kinds import held
 from test_compare import make_campaign
 
+from inductrack_ros.checks.check import check
 from inductrack_ros.compare import compare
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import CHANNELS
 from inductrack_ros.data import load_campaign
+from inductrack_ros.reports.check_report import check_report
 from inductrack_ros.reports.compare_report import compare_report
 from inductrack_ros.reports.explorer import Opening, RunTraces, Trace, explorer
 from inductrack_ros.reports.page import Page
@@ -239,3 +243,48 @@ def test_effects_switch_on_and_off(tmp_path):
     assert seen["second"] == ["Heave of <run>: 100 × noise without any, 33.0 × noise with those chosen.", 5, 2, 33, 2]
     assert seen["none"] == ["Heave of <run>: 100 × noise without any.", 3, 0, 100, 1]
     assert seen["first"] == ["Heave of <run>: 100 × noise without any, 66.0 × noise with those chosen.", 5, 1, 67, 2]
+
+
+# ---------------------------------------------------------------- the page of `inductrack check`
+
+
+def late(y):
+    """A channel that comes 200 ms late."""
+    return np.concatenate([np.full(100, np.nan), y[:-100]])
+
+
+SPOILED = {
+    "clean": lambda rig: rig,
+    "fillers": lambda rig: changed(rig, "heave", put((40, -9999.0), (120, 0.02)), "a"),
+    "unit": lambda rig: changed(rig, "heave_rate", lambda y: 1e3 * y),
+    "axis": lambda rig: changed(rig, "sway", np.negative),
+    "late": lambda rig: changed(changed(rig, "surge_rate", late), "heave_rate", late),
+    "dead": lambda rig: changed(rig, "gap_top", lambda y: np.full_like(y, 0.011)),
+    "rest": lambda rig: held(rig, 250),
+}
+SHOWN = {
+    "clean": (),
+    "fillers": ("left out",),
+    "unit": ("derivative of heave",),
+    "axis": ("as it may be meant",),
+    "late": ("derivative of heave",),
+    "dead": (),
+    "rest": ("left out",),
+}
+
+
+@pytest.mark.parametrize("name", SPOILED)
+def test_the_page_of_a_check_shows_where(name, tmp_path):
+    rig = measured(("surge", "sway", "heave", "roll", "surge_rate", "heave_rate", "gap_top"))
+    page = check_report(check(SPOILED[name](rig), Model.default()))
+    seen = open_page(
+        page,
+        tmp_path,
+        """
+        seen.plots = document.querySelectorAll(".plot").length;
+        seen.drawn = document.querySelectorAll(".plot > .plot-container .main-svg").length;
+        seen.legends = [...document.querySelectorAll(".legendtext")].map((t) => t.textContent);
+        """,
+    )
+    assert seen["drawn"] >= seen["plots"] == 1 + (name != "clean") + (name == "fillers")
+    assert all(words in " ".join(seen["legends"]) for words in SHOWN[name])

@@ -38,7 +38,7 @@ def jumps(campaign: Campaign, channels: Mapping[str, Channel], off: list[Finding
         stay: list[tuple[Run, int, float]] = []
         lost: dict[str, NDArray[np.intp]] = {}
         for run in campaign.runs:
-            rows = np.array(finding.samples.get(run.name, ()), np.intp)
+            rows = np.unique(np.array(finding.samples.get(run.name, ()), np.intp))
             there, between = _back(list(_jumps(run, channel, rows, channels[channel])) if len(rows) else [])
             stay += [(run, i, size) for i, size in there]
             if len(between):

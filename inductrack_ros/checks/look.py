@@ -10,7 +10,9 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..core.model import Model
+from ..core.state import ACCELERATIONS, COORDINATES, RATES
 from ..data import Campaign, Run
+from . import levels
 from .clocks import clocks
 from .copies import copies
 from .excitation import excitation, too_few
@@ -31,6 +33,10 @@ from .rest import rest
 from .sensors import held, sensors
 from .stated import stated
 from .touch import Touch
+from .turned import half_turns
+
+#: Coordinates along the axes of the frame.
+_AXES = COORDINATES[:3]
 
 
 @np.errstate(all="ignore")  # what overflows or divides by nothing here is no number that anything is concluded from
@@ -149,6 +155,12 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     units = {f.channel for f in findings if f.kind in ("unit", "zero") and "slope" not in f.size}
     rates = {f.channel for f in impossible(findings) if f.kind == "unit"}
     flipped = {c for f in findings if f.kind == "axis_flipped" for c in f.size.get("candidates", ())}
+    flipped |= {rate for c, rate in zip(COORDINATES, RATES, strict=True) if c in flipped}
+    turned = any(f.kind == "turned" or len({*_AXES} & {*f.size.get("candidates", ())}) > 1 for f in findings)
+    inverted = any(
+        f.channel == "roll" and abs(abs(f.size.get("value", 0.0)) - np.pi) < levels.UPRIGHT for f in findings
+    )
+    in_g = bool(rates & {*ACCELERATIONS})
     time = any(f.kind == "time_unit" for f in findings)
     jumped = {f.channel for f in findings if f.kind == "value_jump"}
     apart = {f.channel for f in impossible(findings) if "runs" in f.size}
@@ -163,8 +175,10 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
             )
             or (f.kind == "unit" and "slope" in f.size and (time or whole in units or f.channel in units))
             or (f.kind == "sign" and whole in flipped)
+            or (f.kind == "zero" and f.channel in ACCELERATIONS and (in_g or inverted))
+            or (turned and (f.kind == "time_jitter" or f.channel in RATES))
             or (f.kind in ("offset", "hum", "coloured_noise") and (time or whole in units or f.channel in jumped))
         )
         if not explained:
             kept.append(f)
-    return kept
+    return half_turns(kept)

@@ -18,6 +18,7 @@ from ..data.measurement import Array
 from . import levels
 from .apart import of_some
 from .finding import IMPOSSIBLE, WARNING, Finding, number
+from .late import Pair, late, one_delay
 from .noise import meant
 from .noise_found import Channel
 
@@ -55,21 +56,40 @@ def pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -
 
 def _pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
     """Findings that runs share. An acceleration that jumps with every pulse is not told by its samples."""
-    findings: list[Finding] = []
     unpulsed = replace(calm, runs=tuple(run for run in calm.runs if run.pulses is None or not len(run.pulses.times)))
+    rates: dict[Pair, list[Finding]] = {}
+    accelerations: dict[Pair, list[Finding]] = {}
     for k, coordinate in enumerate(COORDINATES):
         rate, acceleration = RATES[k], ACCELERATIONS[k]
         if coordinate == "heave" and coordinate not in channels:
             coordinate = "gap_top"  # grows with the heave, and with nothing else
         if {coordinate, rate} <= channels.keys():
-            findings += _pair(campaign, coordinate, rate, 1) or _foreign(campaign, channels, coordinate, rate)
+            found = _pair(campaign, coordinate, rate, 1) or _foreign(campaign, channels, coordinate, rate)
+            rates[coordinate, rate, 1] = found
         told = unpulsed if coordinate == "surge" else calm
         if {rate, acceleration} <= channels.keys():
-            findings += _pair(told, rate, acceleration, 1)
+            accelerations[rate, acceleration, 1] = _pair(told, rate, acceleration, 1)
         elif {coordinate, acceleration} <= channels.keys() and told.runs:
             found = _pair(told, coordinate, acceleration, 2)
-            findings += found or _foreign(told, channels, coordinate, acceleration, 2)
-    return findings
+            found = found or _foreign(told, channels, coordinate, acceleration, 2)
+            accelerations[coordinate, acceleration, 2] = found
+    of_rates, delay = _of_one_sensor(campaign, channels, rates)
+    of_accelerations, later = _of_one_sensor(unpulsed, channels, accelerations)
+    if delay and later and abs(delay + later) < 0.1 * abs(delay):  # the accelerometer is on time
+        of_accelerations = []
+    return of_rates + of_accelerations
+
+
+def _of_one_sensor(
+    campaign: Campaign, channels: Mapping[str, Channel], found: Mapping[Pair, list[Finding]]
+) -> tuple[list[Finding], float]:
+    """The findings about a sensor's channels, or the one delay that all of them have; and that (s), 0 for none."""
+    findings = [f for mine in found.values() for f in mine]
+    step = float(np.median([np.median(np.diff(r.times)) for r in campaign.runs if len(r.times) > 1] or [0.0]))
+    delay = one_delay(list(campaign.runs), channels, list(found)) if findings else None
+    if delay is None or abs(delay) <= FAR * step:
+        return findings, 0.0
+    return [late(delay, list(found))], delay
 
 
 def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[Finding]:
@@ -90,7 +110,11 @@ def _pair(campaign: Campaign, whole: str, derivative: str, order: int) -> list[F
         )
         step = float(np.median([np.median(np.diff(r.times)) for r in runs]))
         severity = IMPOSSIBLE if abs(shift) > FAR * step else WARNING
-        return [Finding("offset", severity, text, "stamp both with one clock", derivative, size={"offset": shift})]
+        return [
+            Finding(
+                "offset", severity, text, "stamp both with one clock", derivative, size={"offset": shift, "of": whole}
+            )
+        ]
     size_of = np.mean if all(abs(y.mean()) > STEADY * y.std() for y in (a, b)) else np.std
     slope = float(abs(size_of(a) / size_of(b)) * np.sign(correlation))
     size = {"slope": slope, "of": whole}
@@ -143,7 +167,7 @@ def _foreign(
         return []
     text, size = (
         f"{rate} is not the {'second ' * (order - 1)}derivative of {coordinate}: they have nothing in common",
-        {"correlation": best},
+        {"correlation": best, "whole": coordinate},
     )
     for other in (r for r in (RATES if order == 1 else ACCELERATIONS) if r != rate and r in channels):
         tried = [
@@ -212,7 +236,7 @@ def _late(runs: list[Run], whole: str, derivative: str, increments: tuple[Array,
     if abs(delay) < DELAY * step or abs(delay) < SURE * np.sqrt(covariance[1, 1]):
         return []
     text = f"{derivative} is {number(1e3 * abs(delay))} ms {'later' if delay > 0 else 'earlier'} than {whole}"
-    return [Finding("offset", WARNING, text, "", derivative, size={"offset": delay})]
+    return [Finding("offset", WARNING, text, "", derivative, size={"offset": delay, "whole": whole})]
 
 
 def _shift(runs: list[Run], whole: str, derivative: str, order: int) -> float | None:

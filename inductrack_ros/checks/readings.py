@@ -17,7 +17,10 @@ from .apart import of_some
 from .balance import SWINGING, WINDOWS, Reading, Windows, bad, misfits, needed_factor, stops, total, windows_of
 from .current import against_others, drive, judged, stated_currents
 from .finding import IMPOSSIBLE, WARNING, Finding, number, of_a_bag, shared
-from .noise_found import READINGS, Channel
+from .gravity import with_gravity
+from .noise_found import Channel
+from .room import extent_of, mean_speeds, room_of
+from .turned import turned
 
 #: One thing wrong after the other is looked for, so many at most.
 MOST = 4
@@ -64,8 +67,9 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
     windows = windows_of(campaign, channels, most)
     now, found = _by_range(campaign, model, windows)
     found = [_or_counts(f, campaign, windows, model, now) for f in found]
-    found += _with_gravity(campaign, model)
-    if windows is None or any(f.kind == "zero" and f.channel in windows.values for f in found):
+    found += with_gravity(campaign, model)
+    unread = any(f.kind == "turned" or f.kind == "zero" and windows and f.channel in windows.values for f in found)
+    if windows is None or unread:
         return found or _backwards(campaign, model)
     left = misfits(windows, model, now)
     if not bad(left) and not found:
@@ -111,7 +115,7 @@ def _factor(before: Reading, after: Reading) -> float:
 
 def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
     """All runs going backwards, where nothing lifts or drives."""
-    speeds = _speeds(campaign)
+    speeds = mean_speeds(campaign)
     if not stops(model) or not speeds or max(speeds) > -levels.MOVING:
         return []
     text = (
@@ -130,47 +134,22 @@ def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
     ]
 
 
-def _with_gravity(campaign: Campaign, model: Model) -> list[Finding]:
-    """An accelerometer from whose readings what holds the cradle up was not taken off: on average no cradle falls or
-    climbs like that."""
-    channel, gravity = "heave_acceleration", model.parameters["gravity"]
-    fall = float(np.sqrt(2.0 * _room(model)["heave"] / gravity)) if stops(model) else np.inf
-    runs = [
-        run
-        for run in campaign.runs
-        if channel in run.channels and run.duration > 4 * fall and run.measured[:, run.channels.index(channel)].any()
-    ]
-    means = [float(np.nanmean(run[channel])) for run in runs]
-    if not means or abs(abs(float(np.median(means))) - gravity) > levels.UPRIGHT * gravity:
-        return []
-    mean = float(np.median(means))
-    text = f"{channel} is {number(mean)} m/s² on average, which is gravity: the cradle stays between the tracks"
-    remedy = f"subtract {number(np.copysign(gravity, mean))} m/s²; {channel} is the acceleration alone, 0 at rest"
-    return [Finding("zero", IMPOSSIBLE, text, remedy, channel, size={"offset": mean})]
-
-
-def _speeds(campaign: Campaign) -> list[float]:
-    """Mean speed of each run whose surge is measured."""
-    runs = [run.samples("surge") for run in campaign.runs if "surge" in run.channels]
-    return [float((y[-1] - y[0]) / (t[-1] - t[0])) for t, y in runs if len(t) > 1]
-
-
 def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tuple[Reading, list[Finding]]:
     """What is outside of the room the track leaves, by far: in another unit, or measured from another zero. And speeds
     that nothing has."""
     now, found = Reading(), []
     if not stops(model):
         return now, found
-    speed = max(map(abs, _speeds(campaign)), default=0.0)
+    speed = max(map(abs, mean_speeds(campaign)), default=0.0)
     if speed > levels.FASTEST:
         now, finding = _too_fast(campaign, speed, windows, model)
         found.append(finding)
-    if exchanged := _travelling(campaign, _room(model)):
-        return now, [*found, exchanged]
-    for channel, room in _room(model).items():
+    if found_turned := turned(campaign, model):
+        return now, [*found, *found_turned]
+    for channel, room in room_of(model).items():
         if channel in GAPS:
             found += _negative(campaign, channel, model)
-        middle, spread = _extent(campaign, channel)
+        middle, spread = extent_of(campaign, channel)
         at_rest = model.parameters["nominal_gap"] if channel in GAPS else 0.0
         elsewhere = spread < room and abs(middle - at_rest) > levels.ELSEWHERE * room
         if abs(middle) + spread < levels.OUTSIDE * room and not elsewhere:
@@ -194,6 +173,8 @@ def _by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tupl
                 if spread < room
                 else "look at its unit"
             )
+            if channel == "roll" and abs(abs(middle) - np.pi) < room:
+                remedy = "the cradle is not upside down: does z point down (NED)? x is along the travel, y left, z up"
             found.append(Finding("zero" if spread < room else "unit", IMPOSSIBLE, text, remedy, channel, size=size))
             continue
         left = (
@@ -232,27 +213,6 @@ def _whole_numbers(campaign: Campaign, channel: str) -> bool:
     return all(bool((y == np.rint(y)).all()) for y in parts) and any(y.any() for y in parts)
 
 
-def _travelling(campaign: Campaign, room: Mapping[str, float]) -> Finding | None:
-    """Sway or heave that goes on as a travel does, far out of its room, while surge stays within it."""
-    for channel in ("sway", "heave"):
-        runs = [run.samples(channel) for run in campaign.runs if {channel, "surge"} <= set(run.channels)]
-        ends = [(y[-1] - y[0], t[-1] - t[0], np.ptp(y)) for t, y in runs if len(t) > 1]
-        far = [s for s in ends if abs(s[0]) > levels.ALIKE * s[2] > levels.OUTSIDE * room[channel]]
-        if len(far) < max(len(ends), 1) or _extent(campaign, "surge")[1] > levels.OUTSIDE * room["sway"]:
-            continue
-        speed = max(abs(s[0]) / s[1] for s in far)
-        if not levels.MOVING < speed < levels.FASTEST:
-            continue
-        text = (
-            f"{channel} goes on at up to {number(speed)} m/s like a travel, while surge spans"
-            f" {number(1e3 * _extent(campaign, 'surge')[1])} mm: the axes are exchanged"
-        )
-        remedy = "x is along the travel, y left, z up: exchange the channels, or turn the frame they are published in"
-        size = {"candidates": [channel, "surge"], "speed": speed}
-        return Finding("axis_flipped", IMPOSSIBLE, text, remedy, channel, size=size)
-    return None
-
-
 def _too_fast(campaign: Campaign, speed: float, windows: Windows | None, model: Model) -> tuple[Reading, Finding]:
     """Which unit of surge or of time makes a speed that nothing has one that a cradle has, and the finding."""
     text, size = f"surge runs at {number(speed)} m/s", {"speed": speed}
@@ -276,32 +236,12 @@ def _too_fast(campaign: Campaign, speed: float, windows: Windows | None, model: 
 
 def _negative(campaign: Campaign, gap: str, model: Model) -> list[Finding]:
     """A gap that is less than nothing: measured from its nominal size, or closing where it should open."""
-    middle, _ = _extent(campaign, gap)
+    middle, _ = extent_of(campaign, gap)
     if not middle < -levels.TOUCHING * model.parameters["nominal_gap"]:
         return []
     text = f"{gap} is about {number(middle)} m: a gap is never less than 0"
     remedy = f"{gap} is the distance to the track; add what it reads where they touch, or change its sign"
     return [Finding("zero", IMPOSSIBLE, text, remedy, gap, size={"middle": middle})]
-
-
-def _extent(campaign: Campaign, channel: str) -> tuple[float, float]:
-    """Median and span of a channel's samples, of which 98 % count; zeros where there are none."""
-    parts = [run.samples(channel)[1] for run in campaign.runs if channel in run.channels]
-    values = np.concatenate([y[:: max(len(y) // READINGS, 1)] for y in parts] or [np.empty(0)])
-    if not len(values):
-        return 0.0, 0.0
-    low, middle, high = np.quantile(values, [0.01, 0.5, 0.99])
-    return float(middle), float(high - low)
-
-
-def _room(model: Model) -> dict[str, float]:
-    """How far from its zero the track lets each coordinate and gap go at most, about: the gaps of the three arrays stay
-    positive."""
-    gap = model.parameters["nominal_gap"]
-    root = np.sqrt(2.0)
-    aside = (1 + root) * gap
-    lever = np.sqrt(0.5) * max(model.parameters["magnet_side_offset"], 1e-3)
-    return {"heave": root * gap, "sway": aside, "roll": aside / lever, **dict.fromkeys(GAPS, (1 + root) * gap)}
 
 
 def _unit(campaign: Campaign, channel: str, text: str, factor: float, unit: str, size: Mapping[str, float]) -> Finding:

@@ -108,10 +108,14 @@ def _dead(campaign: Campaign, channel: str, runs: list[Run], beside: str, moves:
     if stated and moves and not beside:
         while_ = f", where the noise_std stated, {quantity(channel, stated)}, would show"
     text = f"{channel} is {number(value)} in {samples}{while_}: the sensor is dead or the column wrong"
+    remedy = "leave the channel out"
+    if channel == "roll" and abs(abs(value) - np.pi) < 1e-3:
+        text = f"roll is {number(value)} in {samples}: upside down"
+        remedy = "is the quaternion written w first? A message has it as x, y, z, w"
     rest = "" if beside else f"; if it is truly at rest, {channel} is no coordinate that moves: leave it out of dof too"
     # Where the model holds it still, a channel with a noise that is stated does no harm.
     severity = IMPOSSIBLE if moves or not stated else WARNING
-    return Finding("constant", severity, text, f"leave the channel out{rest}", channel, size={"value": value})
+    return Finding("constant", severity, text, f"{remedy}{rest}", channel, size={"value": value})
 
 
 def _constant(campaign: Campaign, channel: str, about: Channel, beside: str, moves: bool) -> list[Finding]:

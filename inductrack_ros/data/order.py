@@ -61,6 +61,9 @@ def in_order(
     if len(index) > 2 and (np.diff(stamps[index]) < 0).all():
         index = index[::-1]
         notes.append(f"{place.counted(len(index))} filed last first turned round")
+    index, again = _once(stamps, columns, index)
+    if again:
+        notes.append(f"{place.counted(again)} that repeat{'s' if again == 1 else ''} another exactly left out")
     late = np.maximum.accumulate(stamps[index]) - stamps[index]
     if late.max() > OUT_OF_ORDER * second:
         i = int(np.argmax(late > OUT_OF_ORDER * second))
@@ -82,22 +85,29 @@ def in_order(
         notes.append(f"{place.counted(int((late > 0).sum()))} filed out of order sorted by their stamps")
     same = np.flatnonzero(np.diff(stamps[index]) == 0)
     if len(same):
-        earlier, later = index[same], index[same + 1]
-        equal = np.ones(len(same), bool)
-        for column in columns:
-            a, b = column[earlier], column[later]
-            equal &= (a == b) | (np.isnan(a) & np.isnan(b))
-        if not equal.all():
-            i = int(np.argmin(equal))
-            others = int((~equal).sum()) - 1
-            more = f" ({others} more such: are the times written with enough digits?)" if others else ""
-            raise InputError(
-                f"{place.where}: {place.name(int(later[i]))} repeats the stamp of {place.name(int(earlier[i]))} with"
-                f" other values{more}; {place.remedy}"
-            )
-        index = np.delete(index, same + 1)
-        notes.append(f"{place.counted(len(same))} that repeat{'s' if len(same) == 1 else ''} another exactly left out")
+        earlier, later = place.name(int(index[same[0]])), place.name(int(index[same[0] + 1]))
+        more = f" ({len(same) - 1} more such: are the times written with enough digits?)" if len(same) > 1 else ""
+        raise InputError(
+            f"{place.where}: {later} repeats the stamp of {earlier} with other values{more}; {place.remedy}"
+        )
     return index, notes
+
+
+def _once(
+    stamps: Array | NDArray[np.int64], columns: Sequence[Array], index: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], int]:
+    """The samples ``index`` without those that repeat an earlier filed one in stamp and values, also all of them again
+    as a player in a loop files them; and how many these are."""
+    filed = index[np.argsort(stamps[index], kind="stable")]
+    again = np.diff(stamps[filed]) == 0
+    if not again.any():
+        return index, 0
+    earlier, later = filed[:-1][again], filed[1:][again]
+    equal = np.ones(len(later), bool)
+    for column in columns:
+        a, b = column[earlier], column[later]
+        equal &= (a == b) | (np.isnan(a) & np.isnan(b))
+    return index[~np.isin(index, later[equal])], int(equal.sum())
 
 
 def _torn(columns: Sequence[Array], filed: NDArray[np.intp], in_time: NDArray[np.intp]) -> bool:

@@ -9,17 +9,15 @@ import math
 import numpy as np
 
 from ..checks.check import Check
-from ..checks.finding import CALLED, IMPOSSIBLE, SET_ASIDE, WARNING, Finding
+from ..checks.finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding
 from ..core.state import UNITS
-from ..data import Run
-from .page import Figure, Page, findings_list, joined, markup, packed, severity_word, table
+from .check_pictures import picture
+from .page import Figure, Page, findings_list, joined, markup, severity_word, table
 from .words import in_channel, listed, number, shown, title
 
 TONES = {"clean": "good", "usable": "warn", "impossible": "bad"}
-#: Findings said on the first screen; pictures of where they are; samples shown beside the first one.
-SAID, PICTURES, BESIDE = 5, 8, 60
-#: Nothing is drawn larger than this.
-LARGEST = 1e30
+#: Findings said on the first screen; pictures of where they are.
+SAID, PICTURES = 5, 8
 
 
 def check_report(result: Check) -> str:
@@ -35,7 +33,7 @@ def check_report(result: Check) -> str:
     page.picture(page.figure(_noise(result), "Noise found from neighbouring samples, and as campaign.yaml states it."))
     if len(result.findings) > SAID:
         page.section("Findings", _findings(result))
-    pictures = [_picture(page, result, f) for f in result.findings]
+    pictures = [picture(page, result, f) for f in result.findings]
     if shown_ := [p for p in pictures if p][:PICTURES]:
         page.section("Where", markup('<div class="two">{}</div>', joined(shown_)))
     page.section("Channels", _channels(result))
@@ -115,6 +113,7 @@ def _noise(result: Check) -> Figure:
         "x": found,
         "text": words,
         "textposition": "auto",
+        "insidetextanchor": "start",
         "marker": {"color": ["@after" if 1 / 1.5 < f < 1.5 else "@before" for f in found]},
         "hovertemplate": "%{y}: %{text}<extra></extra>",
     }
@@ -140,96 +139,6 @@ def _noise(result: Check) -> Figure:
     return Figure([bars], layout, "Noise found over noise stated, by channel", 90 + 34 * len(channels), fixed=True)
 
 
-def _picture(page: Page, result: Check, finding: Finding) -> str:
-    """The samples around the first that a finding is about, those meant marked; nothing for one that names none."""
-    if "off" in finding.size:
-        return page.figure(_motion(finding), f"{finding.text}.")
-    if finding.kind in ("clock_jump", "hole") and "sample" in finding.size:
-        run = next(r for r in result.campaign.runs if r.name == finding.run)
-        return page.figure(_clock(run, finding), f"{run.name}: {finding.text}.")
-    if finding.channel is None or not finding.samples:
-        return ""
-    name, rows = next(iter(finding.samples.items()))
-    run = next(r for r in result.campaign.runs if r.name == name)
-    first, last = max(rows[0] - BESIDE, 0), min(rows[0] + BESIDE + 1, len(run.times))
-    marked = np.array([i for i in rows if first <= i < last])
-    factor, unit = shown(finding.channel)
-    others = np.setdiff1d(np.arange(first, last), marked)
-    values = np.clip(run[finding.channel], -LARGEST, LARGEST) * factor
-    axis = title(finding.channel).lower()
-    seen = others[~np.isnan(values[others])]
-    if finding.channel == "surge" and len(seen) > 1:  # its travel would hide all else
-        values = values - np.polynomial.Polynomial.fit(run.times[seen], values[seen], 1)(run.times)
-        axis = "off a steady travel"
-    data = [
-        _dots(run, others, values, "@measured", "measured" if finding.severity == IMPOSSIBLE else "used"),
-        _dots(run, marked, values, "@before", CALLED[finding.severity], meant=True),
-    ]
-    layout = {"xaxis": {"title": "time, s"}, "yaxis": {"title": f"{axis}, {unit}"}, "margin": {"t": 10}}
-    return page.figure(
-        Figure(data, layout, f"{title(finding.channel)} of {name}: {finding.text}", 260), f"{name}: {finding.text}."
-    )
-
-
-def _clock(run: Run, finding: Finding) -> Figure:
-    """The times of the samples around a jump of the clock, those behind it marked."""
-    jump = int(finding.size["sample"])
-    rows = np.arange(max(jump - BESIDE, 0), min(jump + BESIDE, len(run.times)))
-    data = [
-        {
-            "type": "scatter", "mode": "markers", "name": name, "x": packed(mine + 1.0), "y": packed(run.times[mine]),
-            "marker": {"color": colour, "size": 5},
-        }
-        for name, mine, colour in (
-            ("before", rows[rows < jump], "@measured"), ("behind", rows[rows >= jump], "@before"),
-        )
-    ]  # fmt: skip
-    layout = {"xaxis": {"title": "sample"}, "yaxis": {"title": "time, s"}, "margin": {"t": 10}}
-    return Figure(data, layout, f"Times of {run.name}: {finding.text}", 260)
-
-
-def _motion(finding: Finding) -> Figure:
-    """Bars of how far each channel is from the model's motion, as it is written and, where that is known, as it may be
-    meant."""
-    off, then = finding.size["off"], finding.size.get("then")
-    channels = [c for c in off if then is None or c in then]
-    readings = [("as written", off, "@before")] + ([("as it may be meant", then, "@after")] if then else [])
-    bars = [
-        {
-            "type": "bar",
-            "orientation": "h",
-            "name": name,
-            "y": [title(c) for c in channels],
-            "x": [min(f[c], 2.0) for c in channels],
-            "marker": {"color": colour},
-        }
-        for name, f, colour in readings
-    ]
-    layout = {
-        "barmode": "group",
-        "xaxis": {"title": "off the model's motion; 0 is the same, 1 has nothing in common", "rangemode": "tozero"},
-        "yaxis": {"autorange": "reversed", "automargin": True},
-        "margin": {"t": 10},
-    }
-    return Figure(
-        bars,
-        layout,
-        f"How far each channel is from the model's motion, {' and '.join(name for name, _, _ in readings)}",
-        130 + 44 * len(channels),
-        fixed=True,
-    )
-
-
-def _dots(
-    run: Run, rows: np.ndarray, values: np.ndarray, colour: str, name: str, meant: bool = False
-) -> dict[str, object]:
-    """Dots of some samples, or crosses where they are those that a finding is about."""
-    return {
-        "type": "scatter", "mode": "markers", "name": name, "x": packed(run.times[rows]), "y": packed(values[rows]),
-        "marker": {"color": colour, "size": 10 if meant else 5, "symbol": "x" if meant else "circle"},
-    }  # fmt: skip
-
-
 def _channels(result: Check) -> str:
     rows = []
     for channel, about in result.channels.items():
@@ -248,7 +157,9 @@ def _channels(result: Check) -> str:
             ]
         )
     caption = "98 % of the samples lie in the range; the noise is what neighbouring samples do not say of each other."
-    return table(["channel", "samples", "missing", "range", "noise found", "noise_std", "step"], rows, caption)
+    return table(
+        ["channel", "samples", "missing or left out", "range", "noise found", "noise_std", "step"], rows, caption
+    )
 
 
 def _runs(result: Check) -> str:
