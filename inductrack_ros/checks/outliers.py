@@ -166,7 +166,9 @@ def _ends(
     from a bad sample. A rate or an acceleration may step at any blow, and says nothing there."""
     if channel in (*RATES, *JUMPING):
         return np.empty(0, np.intp), np.empty(0)
-    known = np.setdiff1d(np.flatnonzero(~np.isnan(run[channel])), found)
+    measured = ~np.isnan(run[channel])
+    measured[found] = False
+    known = np.flatnonzero(measured)
     rows, sizes = at_the_ends(run, channel, floor_of(about.noise, about.step, about.count), known)
     if touch is None or not len(rows):
         return rows, sizes
