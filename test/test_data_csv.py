@@ -134,6 +134,12 @@ BROKEN = {
     "text": ("time,heave\n0,1\n1,high\n2,3\n", "row 3, column 'heave': 'high' is not a number"),
     "text after blank lines": ("time,heave\n0,1\n\n\n1,high\n2,3\n", "row 5, column 'heave'"),
     "decimal comma": ("time,heave\n0,1\n1,2,5\n2,3\n", "row 3: 3 cells where the header names 2"),
+    "unit in the cells": (
+        "time,heave\n0.0 s,1\n0.1 s,1\n",
+        "'0.0 s' is not a number; write the unit into the header, 'time .s.', and only numbers below",
+    ),
+    "exponent of Fortran": ("time,heave\n0,1\n1,1.0D-03\n", "'1.0D-03' is not a number; write its exponent with E"),
+    "numbers for a header": ("0.0,1.0,track\n0.1,1.0,track\n", "row 1: holds numbers and no names; put a row above it"),
     "underscore": ("time,heave\n0,1\n1,1_000\n", "'1_000' is not a number"),
     "infinite": ("time,heave\n0,1\n1,inf\n", "row 3, column 'heave': infinite"),
     "too large": ("time,heave\n0,1\n1,1e999\n", "row 3, column 'heave': infinite"),

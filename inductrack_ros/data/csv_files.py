@@ -32,6 +32,17 @@ _NO_READING = re.compile(rb"(?i)\b(?:" + b"|".join(w.encode() for w in NO_READIN
 EMPTY = ("-", "--", "---", "?")
 
 
+def _remedy(cell: str, column: Column, decimal: str) -> str:
+    """What to do about a cell that is no number."""
+    if number(re.sub("[dD]", "e", cell), decimal) is not None:
+        return "write its exponent with E"
+    with_unit = re.fullmatch(r"([-+0-9.,eE]*\d)\s*([^\W\d]\S*|[%°])", cell)
+    if with_unit and number(with_unit[1], decimal) is not None:
+        name = column.name if column.name in CHANNELS or column.name == TIME else column.header
+        return f"write the unit into the header, '{name} [{with_unit[2]}]', and only numbers below"
+    return "correct it or " + ("delete the row" if column.name == TIME else "leave it empty")
+
+
 def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str] | None = None) -> Run:
     """Read one run from a CSV.
 
@@ -211,7 +222,7 @@ class _Table:
                     if is_grouped(cell):
                         remedy = "export the numbers without thousands separators"
                         raise InputError(f"{place}: {shown(cell)} has thousands separators; {remedy}")
-                    remedy = "correct it or " + ("delete the row" if column.name == TIME else "leave it empty")
+                    remedy = _remedy(cell, column, decimal)
                     sign = " with a decimal comma, as the others are" if number(cell) is not None else ""
                     raise InputError(f"{place}: {shown(cell)} is not a number{sign}; {remedy}")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..core.errors import InputError, did_you_mean
 from ..core.state import CHANNELS
-from .csv_cells import SEPARATORS, decimal_sign, shown, split
+from .csv_cells import SEPARATORS, decimal_sign, number, shown, split
 from .csv_header import TIME, Header, find_header, known_name, parts, plain, rows_below
 from .units import SI, any_factor, factor
 
@@ -129,6 +129,8 @@ def _judge(
         if whole := next((n for n in names if re.search(r"(?i)(^|[._ /])secs?(onds)?$", n)), ""):
             if part := next((n for n in names if re.search(r"(?i)n(ano)?secs?(onds)?$", n)), ""):
                 meant = f"it stands in two columns: write {shown(whole)} + 1e-9 × {shown(part)} as one"
+        if names and 2 * sum(number(n) is not None for n in names) > len(names):
+            raise InputError(f"{where}: holds numbers and no names; put a row above it that names the columns: time, …")
         raise InputError(f"{where}: column '{TIME}' is missing, the time of each row in seconds; {meant}{blanks}")
     if len(columns) == 1:
         raise InputError(
