@@ -10,12 +10,14 @@ import time
 
 import numpy as np
 import pytest
+import yaml
 
 from inductrack_ros.core.coils.averages import heave_motion
 from inductrack_ros.core.coils.field import field_table, flux_per_width
 from inductrack_ros.core.coils.track import Coils
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
+from inductrack_ros.core.options import COIL_OPTIONS
 from inductrack_ros.paper.stability import corner_speed, modes
 
 BEHIND = -50.0  # m: no coil there has a number, so none is damaged
@@ -370,6 +372,9 @@ def test_options_without_their_track_are_said(tmp_path, capsys):
     (tmp_path / "rig.yaml").write_text("failed_coils: [3]\n")
     assert Model.load(tmp_path / "rig.yaml").coils is None
     assert "without track: coils these say nothing: failed_coils" in capsys.readouterr().err
+    as_dumped = {n: [one.default] if getattr(one, "count", 1) > 1 else one.default for n, one in COIL_OPTIONS.items()}
+    (tmp_path / "dumped.yaml").write_text(yaml.safe_dump(as_dumped))  # `ros2 param dump` writes all that a node has
+    assert Model.load(tmp_path / "dumped.yaml").coils is None and not capsys.readouterr().err
 
 
 def test_the_averaged_kernel_knows_no_coils():

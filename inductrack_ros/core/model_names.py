@@ -72,7 +72,9 @@ def _track(values: dict[str, Any], place: str) -> tuple[Any, dict[str, Any]]:
     """The kind of track and the options of its coils, taken out of ``values``."""
     track = values.pop("track", "averaged")
     options = {n: values.pop(n) for n in ("track_length", *COIL_OPTIONS) if n in values}
-    if unused := [n for n in options if track == "averaged" and n in COIL_OPTIONS]:
+    defaults = {n: (one.default, [one.default]) for n, one in COIL_OPTIONS.items()}  # a node has some as lists of one
+    unused = [n for n in options if n in COIL_OPTIONS and options[n] not in defaults[n]]
+    if unused and track == "averaged":
         announce(f"warning: {place}without track: coils these say nothing: {', '.join(unused)}")
     return track, options
 
