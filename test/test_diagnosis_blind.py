@@ -123,3 +123,10 @@ def test_a_force_and_an_effect_of_which_neither_pays_alone():
     """A patch of force beside a drive that droops: a shaken plant explains both for less than either does."""
     row = run(19603, "unknown")
     assert row["right"], row
+
+
+@pytest.mark.nightly
+def test_a_shaken_cradle_with_accelerometers_that_rests_on_the_track():
+    """A lift of the air is missing: a fit that leaves the track finds a force in heave in its place."""
+    row = run(34043, "dirty")
+    assert row["right"], row

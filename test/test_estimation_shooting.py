@@ -14,6 +14,7 @@ from inductrack_ros.data.measurement import Run
 from inductrack_ros.diagnosis import moves, strategy
 from inductrack_ros.estimation import likelihood, shooting
 from inductrack_ros.estimation.problem import Problem
+from inductrack_ros.estimation.processes import IMPACT, LOOSE, Process
 from inductrack_ros.estimation.structure import Structure
 
 NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4}
@@ -123,3 +124,28 @@ def test_trajectories_beyond_all_numbers_explain_nothing():
     paths = tuple(path * np.where(np.arange(path.shape[1]) == 2, -1e200, 1.0) for path in fit.paths)
     new = shooting.fit(still, fit.structure, replace(fit.point, paths=paths))
     assert new.deviance == np.inf and not new.converged
+
+
+def test_an_accelerometer_reads_the_blow_of_a_contact():
+    """A shaken cradle rests on the track, which presses against it; the model lacks a lift of the air. Read as what the
+    forces of flight do, the acceleration draws the trajectory off the track and away from where it is measured."""
+    rng, rigs = np.random.default_rng(5), simulator.rig(aerodynamic_lift__lift_area=0.05)
+    noise = NOISE | {"surge_acceleration": 0.07, "sway_acceleration": 0.05, "heave_acceleration": 0.1}
+    times, channels = np.arange(301) * TICK, tuple(noise)
+    size = np.sqrt(TICK) * SHAKING / np.array([MASS, MASS, MASS, Model.default().parameters["roll_inertia"]])
+    runs = []
+    for k, (speed, heave) in enumerate([(13.0, -6e-3), (10.0, -8e-3), (15.0, -5e-3)]):
+        start = np.array([0.0, 1e-3, heave, 1e-3, speed, 0.0, 0.0, 0.0])
+        kicks = np.hstack([np.zeros((len(times) - 1, 4)), rng.standard_normal((len(times) - 1, 4)) * size])
+        states = simulator.simulate(times, start, 0.0, rigs, kicks=(times[1:], kicks))[0][:, :8]
+        values = simulator.channels_of(times, states, 0.0, rigs, channels)
+        values = values + rng.standard_normal(values.shape) * list(noise.values())
+        runs.append(Run(f"run_{k}", Path(f"run_{k}"), channels, times, values, times, 0.0))
+    of = Problem(Campaign("rig", Path("rig"), tuple(runs), noise), Model.default(), noise)
+    first = (Process(IMPACT, size=LOOSE),)
+    fit = shooting.fit(of, Structure(of.model, ("eta", "gamma")), processes=first)
+    for data, path in zip(of.runs, fit.paths, strict=True):
+        resting = (data.channel == channels.index("heave")) & (data.y < -9.7e-3)
+        assert resting.sum() > 30
+        off = (data.y[resting] - path[data.row[resting], 2]) / noise["heave"]
+        assert np.sqrt(np.mean(off**2)) < 1.0

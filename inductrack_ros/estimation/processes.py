@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core.state import ACCELERATIONS, INDEX
 from .kalman import LinearRun, Smoothed
 from .problem import Problem, RunData
 from .structure import Structure
@@ -86,7 +87,7 @@ def augmented(
             variance *= p.size**2
         if p.kind == IMPACT:
             kicked[system.touching, STRUCK] += (p.size * STRUCK_BY) ** 2
-            variance += _struck_since(data, system) @ (p.size * STRUCK_BY) ** 2
+            variance += _struck_meanwhile(problem, data, system) @ (p.size * STRUCK_BY) ** 2
         if p.kind == ROUNDED:
             y[:, 0] -= rounding(problem, data, system, p)
     system = replace(system, variance=variance, kicks=kicked, data=y)
@@ -111,6 +112,22 @@ def augmented(
         root[own, own], kicks[:, own] = np.eye(b.transitions.shape[1]) * b.size, b.kicks
         at = own.stop
     return replace(system, sensitivity=H, transitions=F, inputs=inputs, start_root=root, start_mean=mean, kicks=kicks)
+
+
+def _struck_meanwhile(problem: Problem, data: RunData, system: LinearRun) -> np.ndarray:
+    """Squares (m, 3) of what a unit change of the struck rates does to readings beside what it does to the state.
+
+    An accelerometer reads the blow itself: the rate's change over the time between two nodes."""
+    found = _struck_since(data, system)
+    for k, name in enumerate(ACCELERATIONS[1:]):
+        mine = (data.column == INDEX[name]) & system.touching[data.row]
+        found[mine, k] += (problem.sigma[data.channel[mine]] * _nearest(system.spacing)[data.row[mine]]) ** -2.0
+    return found
+
+
+def _nearest(spacing: np.ndarray) -> np.ndarray:
+    """Time (n,) from each node to the next, of the last to the one before."""
+    return np.append(spacing[:-1], spacing[-2]) if len(spacing) > 1 else np.ones(len(spacing))
 
 
 def _struck_since(data: RunData, system: LinearRun) -> np.ndarray:
