@@ -173,34 +173,42 @@ def grown(state: State, found: CandidateSet, family: int, new: Fit) -> State:
 def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: int) -> list[State]:
     """Of sets of known effects those that leave nothing but noise where contact is taken exactly; cheapest first.
 
-    What leaves noise in all runs does so in each: a set is first asked for the run that the last one failed at most.
-    Only those near to the cheapest of them are weighed beside the sensors as they are."""
+    What leaves noise in all runs does so in each, and what is near to the cheapest is so in each: a set is first asked
+    for the one run that told most against those before. Only those near to the cheapest are weighed beside the sensors
+    as they are."""
     flown = list[tuple[float, CandidateSet, Structure, Point, end_to_end.Fit]]()
-    hardest: int | None = None
+    asked: tuple[int, float] | None = None  # a run, and the largest χ² there of a set that is still in question
     for s in sets if state.fit.exact or touches(state.fit) else ():
         task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
         structure, point = with_effects(task.problem, state.fit, s)
-        if hardest is not None:
-            alone = fitted_end_to_end(task, structure, point, (hardest,))
-            if alone.chi2 > _most_left(task, hardest):
-                continue
+        if asked and fitted_end_to_end(task, structure, point, asked[:1]).chi2 > asked[1]:
+            continue
         whole = _flown_exactly(task, structure, point)
         if not whole.leaves_noise:
-            over = [end_to_end.chi_square([part.residual]) - len(part.residual) for part in whole.linear]
-            hardest = int(np.argmax(over))
+            hardest = int(np.argmax(whole.of_runs - [len(part.residual) for part in whole.linear]))
+            asked = hardest, _most_left(task, hardest)
             continue
         flown.append((whole.chi2 + sum(m.price(family) for m in s.members), s, structure, point, whole))
-    least, found = min((cost for cost, *_ in flown), default=0.0), list[State]()
+        asked = _told_apart([f[4] for f in sorted(flown, key=lambda f: f[0])]) or asked
+    flown.sort(key=lambda f: f[0])
+    found = dict[tuple[str, ...], State]()  # of one effect from several starts the cheapest
     for cost, s, structure, point, whole in flown:
-        if cost < least + NEAR:
+        names = tuple(m.name for m in s.members)
+        if cost < flown[0][0] + NEAR and names not in found:
             new = exactly(task.problem, structure, point, REFIT_STEPS, whole)
-            labels = " + ".join(m.name for m in s.members)
-            found.append(
-                grown(state, s, family, new).told(
-                    f"{labels}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
-                )
+            found[names] = grown(state, s, family, new).told(
+                f"{' + '.join(names)}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
             )
-    return sorted(found, key=lambda x: x.cost(task))
+    return sorted(found.values(), key=lambda x: x.cost(task))
+
+
+def _told_apart(flown: Sequence[end_to_end.Fit]) -> tuple[int, float] | None:
+    """The run that tells the first of some fits best from another, and the largest χ² in it that is near to the
+    first's; None where no run does. The first leaves noise: what leaves more in one run does not make that good in
+    others."""
+    apart = np.max([f.of_runs - flown[0].of_runs for f in flown], axis=0)
+    run = int(np.argmax(apart))
+    return (run, float(flown[0].of_runs[run]) + NEAR) if apart[run] > NEAR else None
 
 
 def fitted_end_to_end(

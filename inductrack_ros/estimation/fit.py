@@ -79,6 +79,11 @@ class Fit:
         return tuple(n for n, w in zip(self.structure.free, wide, strict=True) if w)
 
     @property
+    def of_runs(self) -> np.ndarray:
+        """χ² of each run."""
+        return np.array([chi_square([part.residual]) for part in self.linear])
+
+    @property
     def samples(self) -> int:
         """Number of samples compared."""
         return sum(len(part.residual) for part in self.linear)
