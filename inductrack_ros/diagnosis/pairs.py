@@ -18,7 +18,7 @@ from ..estimation.likelihood import tally
 from ..estimation.linear import acting, force_columns, histories
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
-from ..estimation.scores import shares_of, widened
+from ..estimation.scores import shares_in, widened
 from ..estimation.shooting import ANEW, Fit, linearise_all
 from .factor import Factor
 from .laws.forms import ALONG
@@ -172,7 +172,7 @@ def promises(
     plain = _deviance(fit, without)
     alone = _unseen(fit, [t.grams[0] for t in without], [t.tally for t in without], np.zeros((0, 0)))
     found: list[list[Promise]] = [[] for _ in tables]
-    for power in shares_of(fit.power, FINE_SHARES):
+    for power in shares_in(fit.power, on, FINE_SHARES):
         every = _told(problem, fit, systems, parts, [t.count for t in tables], power)
         for k, asked in enumerate(tables):
             mine = [Told([t.grams[k]], t.tally) for t in every]

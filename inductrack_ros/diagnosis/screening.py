@@ -19,7 +19,7 @@ from ..estimation.likelihood import NO_POWER, tally
 from ..estimation.linear import acting, force_columns, histories, outputs_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
-from ..estimation.scores import TWO_SHARES, Background, Scores, scores, shares_of, widened
+from ..estimation.scores import TWO_SHARES, Background, Scores, scores, shares_in, shares_of, widened
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from . import placed, unheard
@@ -420,7 +420,7 @@ def laws(
             forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], on, shapes)
             return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
-        powers = shares_of(fit.power, FINE_SHARES if on in fine else COARSE_SHARES)
+        powers = shares_in(fit.power, on, FINE_SHARES if on in fine else COARSE_SHARES)
         told = _blocks(problem, fit, systems, parts, [t[3] for t in tables], powers)
         for power, (gram, score, base) in zip(powers, told, strict=True):
             for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):

@@ -204,9 +204,10 @@ def seen_before(task: Task, screening: Screening) -> list[CandidateSet]:
 
 
 def closest(screening: Screening) -> list[CandidateSet]:
-    """The single effects that promise something, as far as they are near to the best of them."""
+    """The single effects that promise most, as far as they are near to the best of them and promise something."""
     singles = [s for s in screening.sets if len(s.members) == 1]
-    return [s for s in singles if s.deviance < min(singles[0].deviance + NEAR, screening.scores.plain)]
+    near = [s for s in singles if s.deviance < min(singles[0].deviance + NEAR, screening.scores.plain)]
+    return near[:MOST_REFITTED]
 
 
 def promising(screening: Screening, plain: float) -> list[CandidateSet]:

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ..core.state import COORDINATES
 from .kalman import Columns, LinearRun, log_determinant, run_filter
 from .likelihood import NO_POWER, tally
 from .problem import Problem
@@ -229,6 +230,13 @@ def _told(problem: Problem, i: int, system: LinearRun, power: np.ndarray) -> tup
 def shares_of(power: np.ndarray, shares: Sequence[float]) -> list[np.ndarray]:
     """Shares of a power (4,), exactly 0 where nothing is left of it."""
     return [np.where(share * power > NO_POWER, share * power, 0.0) for share in shares]
+
+
+def shares_in(power: np.ndarray, acts_on: str, shares: Sequence[float]) -> list[np.ndarray]:
+    """Shares of the power (4,) of the coordinate that a force acts on (or the thrust), beside that of the others: a
+    force that is missing looks like a disturbance of its own coordinate, while others are shaken as they are."""
+    mine = np.array(COORDINATES) == ("surge" if acts_on == "thrust" else acts_on)
+    return [np.where(mine, share, power) for share in shares_of(power, shares)]
 
 
 def widened(system: LinearRun, parts: Sequence[Columns]) -> LinearRun:
