@@ -130,3 +130,10 @@ def test_a_shaken_cradle_with_accelerometers_that_rests_on_the_track():
     """A lift of the air is missing: a fit that leaves the track finds a force in heave in its place."""
     row = run(34043, "dirty")
     assert row["right"], row
+
+
+@pytest.mark.nightly
+def test_a_blow_at_one_place_of_a_shaken_rig():
+    """A patch of moment beside a drag, all coordinates shaken."""
+    row = run(34046, "dirty")
+    assert row["right"], row

@@ -11,7 +11,7 @@ from independent import simulator
 from inductrack_ros.core.model import Model
 from inductrack_ros.data.campaign import Campaign
 from inductrack_ros.data.measurement import Run
-from inductrack_ros.diagnosis import moves, strategy
+from inductrack_ros.diagnosis import moves, screening, strategy
 from inductrack_ros.estimation import likelihood, shooting
 from inductrack_ros.estimation.problem import Problem
 from inductrack_ros.estimation.processes import IMPACT, LOOSE, Process
@@ -115,6 +115,20 @@ def test_what_shakes_a_coordinate_that_nothing_measures_explains_nothing():
     assert moves.shaken(moves.Task(rig), moves.State(fit)) == ["surge", "heave"]
     off = [(fit.values[n] - true) / fit.deviations[n] for n, true in (("eta", 0.72), ("gamma", 3.9))]
     assert np.abs(off).max() < 4.0
+
+
+def test_a_blow_at_one_place_is_told_beside_what_shakes_the_rest():
+    """A patch of moment in roll shakes the roll, and no other coordinate: beside less of all that shakes, it would
+    have to explain the rest too."""
+    rig = problem(SHAKING, seed=4, roll_patch__moment=0.6, roll_patch__place=6.0, roll_patch__width=0.3)
+    fit = fitted(rig)
+    systems = shooting.linearise_all(rig, fit)
+    shaking = moves.shaken(moves.Task(rig), moves.State(fit), systems)
+    assert len(shaking) > 1 and "roll" in shaking
+    best = screening.laws(rig, fit, systems, shaking)[0]
+    assert (best.acts_on, best.variable) == ("roll", "surge") and best.gain > moves.law_price()
+    still = [k for k in range(4) if k != 3]
+    assert (best.power[still] == fit.power[still]).all() and best.power[3] < fit.power[3]
 
 
 def test_trajectories_beyond_all_numbers_explain_nothing():
