@@ -131,6 +131,17 @@ def test_a_blow_at_one_place_is_told_beside_what_shakes_the_rest():
     assert (best.power[still] == fit.power[still]).all() and best.power[3] < fit.power[3]
 
 
+def test_a_ripple_of_the_thrust_is_told_as_finely_as_a_force_in_surge():
+    """A share of the thrust pushes in surge, so what shakes the surge may be one that changes along the track."""
+    rig = problem(np.zeros(4), seed=5, thrust_ripple__relative_amplitude=0.4, thrust_ripple__wavelength=2.2)
+    fit = fitted(rig)
+    systems = shooting.linearise_all(rig, fit)
+    shaking = moves.shaken(moves.Task(rig), moves.State(fit), systems)
+    assert "surge" in shaking
+    best = screening.laws(rig, fit, systems, shaking)[0]
+    assert (best.acts_on, best.variable) == ("thrust", "surge") and best.gain > moves.law_price()
+
+
 def test_trajectories_beyond_all_numbers_explain_nothing():
     """A refit that a bad promise threw out of all bounds is a bad fit, no crash."""
     still = problem(np.zeros(4))

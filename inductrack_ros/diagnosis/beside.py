@@ -15,12 +15,12 @@ from ..core.effects.stand_in import basis, over
 from ..estimation.kalman import Columns, LinearRun
 from ..estimation.linear import acting, force_columns, histories
 from ..estimation.problem import Problem
-from ..estimation.scores import Background, Level, Scores, scores
+from ..estimation.scores import Background, Level, Scores, pushed_by, scores
 from ..estimation.shooting import Fit, linearise_all
 from . import background
 from .laws.forms import ALONG
 from .moves import State, Task, grown, law_price, shaken, smoothed_anew, with_effects, with_law
-from .screening import FINE_SHARES, Candidate, CandidateSet, Law, sizes_of, sought, span_of
+from .screening import FINE_SHARES, Candidate, CandidateSet, Law, acted_on, sizes_of, sought, span_of
 from .settings import FORCES_REFITTED, MOST_EFFECTS
 from .smooth import smoothest_of
 
@@ -68,7 +68,7 @@ def promises(task: Task, state: State, systems: Sequence[LinearRun], lacking: Se
     problem, f = task.problem, state.fit
     candidates, parts = sought(problem, f, systems, wavy=True)
     runs = [histories(d, path) for d, path in zip(problem.runs, f.paths, strict=True)]
-    tables = tables_of(runs, lacking)
+    tables = tables_of(runs, [on for on in acted_on(problem, f) if pushed_by(on) in lacking])
     price = background.price(problem, task.given, f.processes)
     found = scores(
         problem, f, parts | {n: _columns(problem, f, runs, t) for n, t in tables.items()}, systems,
@@ -78,10 +78,11 @@ def promises(task: Task, state: State, systems: Sequence[LinearRun], lacking: Se
     return sorted(of_each, key=lambda p: -p.gain)
 
 
-def tables_of(runs: Sequence[Mapping[str, np.ndarray]], lacking: Sequence[str]) -> dict[str, Table]:
+def tables_of(runs: Sequence[Mapping[str, np.ndarray]], on_each: Sequence[str]) -> dict[str, Table]:
     """The tables that are asked for over the variables' histories in all runs, by a name of their own."""
     spans = {v: span for v in runs[0] if (span := span_of([r[v] for r in runs])) is not None}
-    asked = [Table(on, v, *over(*span, sizes_of(v, True)[0])) for on in lacking for v, span in spans.items()]
+    pairs = [(on, v) for on in on_each for v in spans if (on, v) != ("thrust", "drive")]
+    asked = [Table(on, v, *over(*spans[v], sizes_of(v, True)[0])) for on, v in pairs]
     return {f"table {t.acts_on} {t.variable}": t for t in asked}
 
 

@@ -19,7 +19,7 @@ from ..estimation.likelihood import NO_POWER, tally
 from ..estimation.linear import acting, force_columns, histories, outputs_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
-from ..estimation.scores import TWO_SHARES, Background, Scores, scores, shares_in, shares_of, widened
+from ..estimation.scores import TWO_SHARES, Background, Scores, pushed_by, scores, shares_in, shares_of, widened
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from . import placed, unheard
@@ -407,11 +407,12 @@ def laws(
     }
     plain = scores(problem, fit, {}, systems).plain
     found: list[Law] = []
-    for on in _acts_on(problem, fit):
+    for on in acted_on(problem, fit):
+        finely = pushed_by(on) in fine
         tables = [
             (v, *over(low, high, n))
             for v, (low, high) in spans.items()
-            for n in sizes_of(v, on in fine)
+            for n in sizes_of(v, finely)
             if not (on == "thrust" and v == "drive")
         ]
 
@@ -420,7 +421,7 @@ def laws(
             forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], on, shapes)
             return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
-        powers = shares_in(fit.power, on, FINE_SHARES if on in fine else COARSE_SHARES)
+        powers = shares_in(fit.power, on, FINE_SHARES if finely else COARSE_SHARES)
         told = _blocks(problem, fit, systems, parts, [t[3] for t in tables], powers)
         for power, (gram, score, base) in zip(powers, told, strict=True):
             for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
@@ -469,7 +470,7 @@ def span_of(values: Sequence[np.ndarray]) -> tuple[float, float] | None:
     return (float(low), float(high)) if high - low > 1e-6 * max(abs(low), abs(high), 1e-9) else None
 
 
-def _acts_on(problem: Problem, fit: Fit) -> list[str]:
+def acted_on(problem: Problem, fit: Fit) -> list[str]:
     """What a force of any shape may act on: the coordinates that move, and the thrust where runs were driven
     differently."""
     found = [c for c in COORDINATES if c in MOVING[problem.dof]]

@@ -232,10 +232,15 @@ def shares_of(power: np.ndarray, shares: Sequence[float]) -> list[np.ndarray]:
     return [np.where(share * power > NO_POWER, share * power, 0.0) for share in shares]
 
 
+def pushed_by(acts_on: str) -> str:
+    """The coordinate that a force pushes which acts on one, or on the thrust."""
+    return "surge" if acts_on == "thrust" else acts_on
+
+
 def shares_in(power: np.ndarray, acts_on: str, shares: Sequence[float]) -> list[np.ndarray]:
     """Shares of the power (4,) of the coordinate that a force acts on (or the thrust), beside that of the others: a
     force that is missing looks like a disturbance of its own coordinate, while others are shaken as they are."""
-    mine = np.array(COORDINATES) == ("surge" if acts_on == "thrust" else acts_on)
+    mine = np.array(COORDINATES) == pushed_by(acts_on)
     return [np.where(mine, share, power) for share in shares_of(power, shares)]
 
 
