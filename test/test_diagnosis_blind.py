@@ -137,3 +137,10 @@ def test_a_blow_at_one_place_of_a_shaken_rig():
     """A patch of moment beside a drag, all coordinates shaken."""
     row = run(34046, "dirty")
     assert row["right"], row
+
+
+@pytest.mark.nightly
+def test_a_ripple_of_the_thrust_of_a_shaken_rig():
+    """It changes along the track more often than a coarse table can, beside a drag."""
+    row = run(34051, "dirty")
+    assert row["right"], row
