@@ -13,6 +13,7 @@ from inductrack_ros.data.campaign import Campaign
 from inductrack_ros.data.measurement import Run
 from inductrack_ros.diagnosis import moves, screening, strategy
 from inductrack_ros.estimation import likelihood, shooting
+from inductrack_ros.estimation.linear import pieces
 from inductrack_ros.estimation.problem import Problem
 from inductrack_ros.estimation.processes import IMPACT, LOOSE, Process
 from inductrack_ros.estimation.structure import Structure
@@ -140,6 +141,14 @@ def test_a_ripple_of_the_thrust_is_told_as_finely_as_a_force_in_surge():
     assert "surge" in shaking
     best = screening.laws(rig, fit, systems, shaking)[0]
     assert (best.acts_on, best.variable) == ("thrust", "surge") and best.gain > moves.law_price()
+    new = moves.with_law(moves.Task(rig), moves.State(fit), best).fit
+    assert new.converged and new.deviance < fit.deviance - 0.8 * best.gain and new.power[0] < 1e-3 * fit.power[0]
+    k = int(np.argmax(np.where([".values[" in n for n in new.structure.free], new.theta, 0.0)))
+    thetas = new.theta + np.outer([0.01, -0.01], np.arange(len(new.theta)) == k)
+    _, ends = pieces(rig, new.structure, 0, thetas, np.zeros((2, 8)), new.paths[0])
+    really = (ends[:-1, 0, 4] - ends[:-1, 1, 4]) / 0.02
+    said = shooting.linearise_all(rig, new)[0].inputs[:-1, 4, 1 + k]
+    assert said @ really / (really @ really) == pytest.approx(1.0, abs=0.05)  # a share of the thrust without shares
 
 
 def test_trajectories_beyond_all_numbers_explain_nothing():

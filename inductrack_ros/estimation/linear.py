@@ -160,8 +160,12 @@ def acting(
 
 
 def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Thrust (n,) of each piece of a trajectory, N, averaged over it: what a small relative change of γ would bring."""
-    free, thetas = _thrust_changed(structure, theta)
+    """Thrust (n,) of each piece of a trajectory, N, averaged over it: what a small relative change of γ would bring.
+
+    Shares of the thrust in a stand-in's table are left out, for they are shares of what is there without them."""
+    plain = theta.copy()
+    plain[structure.tables.get("stand_in_thrust", [])] = 0.0
+    free, thetas = _thrust_changed(structure, plain)
     _, ends = pieces(problem, free, i, thetas, np.zeros((2, path.shape[1])), path)
     T = np.diff(problem.runs[i].grid)
     thrust = structure.model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (SMALL * T)
