@@ -40,7 +40,7 @@ class LinearRun:
     beside those of the accelerations; ``touching`` (n,) where the cradle is in contact on that way; ``late`` (m, 4)
     what the coordinates' rates add to a reading because it is of another moment; ``struck`` (m,) readings that show
     what an impact changes; ``contact`` (n,) where such readings do not count in any fit (None: where this trajectory
-    touches)."""
+    touches); ``blown`` (m,) what of the variance is blows of a contact."""
 
     first: np.ndarray
     sensitivity: np.ndarray
@@ -56,6 +56,7 @@ class LinearRun:
     late: np.ndarray
     struck: np.ndarray
     contact: np.ndarray | None = None
+    blown: np.ndarray | None = None
 
     @property
     def known(self) -> np.ndarray:
@@ -130,11 +131,13 @@ class Filtered:
         """What `log_determinant` needs of a run, (5, channels), from the channel (m,) of each reading.
 
         Of those that count: Σ log of their variances, Σ log of the variances over their noise's, their number. Of the
-        others, where they are not the same in all fits: Σ log of their noise's variance, their number."""
+        others, where they are not the same in all fits: Σ log of their noise's variance without blows, their
+        number."""
         counts = run.scored
         others = run.charged & ~counts
         of_noise, whole = np.log(run.variance), np.log(self.variances)
-        parts = (whole * counts, (whole - of_noise) * counts, counts, of_noise * others, others)
+        without = of_noise if run.blown is None else np.log(run.variance - run.blown)
+        parts = (whole * counts, (whole - of_noise) * counts, counts, without * others, others)
         return np.array([np.bincount(channel, weights=w.astype(float), minlength=channels) for w in parts])
 
 

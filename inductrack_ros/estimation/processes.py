@@ -80,6 +80,7 @@ def augmented(
     """Run i's linear system with the states of all processes behind its own."""
     data = problem.runs[i]
     variance, kicked, y = system.variance.copy(), system.kicks.copy(), system.data.copy()
+    blown = np.zeros(len(variance))
     for p in processes:
         if p.kind == WHITE:
             variance[data.channel == problem.channels.index(p.on)] *= p.size**2
@@ -87,10 +88,10 @@ def augmented(
             variance *= p.size**2
         if p.kind == IMPACT:
             kicked[system.touching, STRUCK] += (p.size * STRUCK_BY) ** 2
-            variance += _struck_meanwhile(problem, data, system) @ (p.size * STRUCK_BY) ** 2
+            blown += _struck_meanwhile(problem, data, system) @ (p.size * STRUCK_BY) ** 2
         if p.kind == ROUNDED:
             y[:, 0] -= rounding(problem, data, system, p)
-    system = replace(system, variance=variance, kicks=kicked, data=y)
+    system = replace(system, variance=variance + blown, kicks=kicked, data=y, blown=blown)
     carrying = [p for p in processes if STATES[p.kind]]
     if not carrying:
         return system
