@@ -126,21 +126,14 @@ def test_a_force_and_an_effect_of_which_neither_pays_alone():
 
 
 @pytest.mark.nightly
-def test_a_shaken_cradle_with_accelerometers_that_rests_on_the_track():
-    """A lift of the air is missing: a fit that leaves the track finds a force in heave in its place."""
-    row = run(34043, "dirty")
-    assert row["right"], row
-
-
-@pytest.mark.nightly
-def test_a_blow_at_one_place_of_a_shaken_rig():
-    """A patch of moment beside a drag, all coordinates shaken."""
-    row = run(34046, "dirty")
-    assert row["right"], row
-
-
-@pytest.mark.nightly
-def test_a_ripple_of_the_thrust_of_a_shaken_rig():
-    """It changes along the track more often than a coarse table can, beside a drag."""
-    row = run(34051, "dirty")
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(34043, id="it rests on the track, with accelerometers: a lift is no force in heave"),
+        pytest.param(34046, id="a patch of moment beside a drag is no shaking"),
+        pytest.param(34051, id="a ripple of the thrust beside a drag is no force in surge"),
+    ],
+)
+def test_what_a_shaken_rig_lacks(seed):
+    row = run(seed, "dirty")
     assert row["right"], row

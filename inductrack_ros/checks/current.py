@@ -100,8 +100,9 @@ class _Moved:
 def against_others(
     campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int, findings: list[Finding]
 ) -> list[Finding]:
-    """The findings about some runs' drive current, held against what the other runs need: a factor or a force that all
-    lack is said once; what no other run of that speed lacks is no property of the rig."""
+    """The findings about some runs' drive current, held against what the other runs need.
+
+    A factor or a force that all lack is said once. What no other run of that speed lacks is no property of the rig."""
     mine = [f for f in findings if f.channel == "drive_current" and f.severity == WARNING]
     if not mine or len(campaign.runs) == 1:
         return findings

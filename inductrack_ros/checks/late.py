@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sensor all of whose channels come late: a delay that is a large part of a swing looks like a sign, a unit or a
-stranger in each of them alone, but the same delay mends all."""
+"""A sensor all of whose channels come late.
+
+A delay that is a large part of a swing looks like a sign, a unit or a stranger in each channel alone. One delay mends
+all of them."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ SCATTER, FEWEST = 1.2, 60
 def noises(calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
     """Findings about every channel's noise; ``calm`` is the campaign without impacts, in which colour is looked for."""
     findings: list[Finding] = []
-    pulsed = any(run.pulses is not None and len(run.pulses.times) for run in calm.runs)
+    pulsed = any(run.pulsed for run in calm.runs)
     for channel, about in channels.items():
         pushed = pulsed and channel in PUSHED
         spectral = [] if pushed else spectrum.look(calm, channel, about)

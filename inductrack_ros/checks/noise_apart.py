@@ -25,7 +25,7 @@ def noises_apart(calm: Campaign) -> list[Finding]:
     without impacts.
 
     An acceleration jumps with every pulse, as noise does: beside pulses its noise is that of the drive."""
-    pulsed = any(run.pulses is not None and len(run.pulses.times) for run in calm.runs)
+    pulsed = any(run.pulsed for run in calm.runs)
     channels = [c for c in calm.channels if not (pulsed and c in ACCELERATIONS)]
     apart = {
         run.name: {c: _noise(about) for c, about in channels_of(replace(calm, runs=(run,))).items()}

@@ -56,7 +56,7 @@ def pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -
 
 def _pairs(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
     """Findings that runs share. An acceleration that jumps with every pulse is not told by its samples."""
-    unpulsed = replace(calm, runs=tuple(run for run in calm.runs if run.pulses is None or not len(run.pulses.times)))
+    unpulsed = replace(calm, runs=tuple(run for run in calm.runs if not run.pulsed))
     rates: dict[Pair, list[Finding]] = {}
     accelerations: dict[Pair, list[Finding]] = {}
     for k, coordinate in enumerate(COORDINATES):

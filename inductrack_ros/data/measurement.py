@@ -67,6 +67,11 @@ class Run:
         return self.times[present], column[present]
 
     @property
+    def pulsed(self) -> bool:
+        """Whether single pulses drive the run."""
+        return self.pulses is not None and len(self.pulses.times) > 0
+
+    @property
     def driven(self) -> str:
         """What drives the run, in words: pulses, a current or nothing."""
         if self.pulses is not None:

@@ -20,7 +20,7 @@ from ..estimation.shooting import Fit, linearise_all
 from . import background
 from .laws.forms import ALONG
 from .moves import State, Task, grown, law_price, shaken, smoothed_anew, with_effects, with_law
-from .screening import FINE_SHARES, Candidate, CandidateSet, Law, acted_on, sizes_of, sought, span_of
+from .screening import FINE_SHARES, Candidate, CandidateSet, Law, acted_on, asked_over, sizes_of, sought, span_of
 from .settings import FORCES_REFITTED, MOST_EFFECTS
 from .smooth import smoothest_of
 
@@ -81,8 +81,9 @@ def promises(task: Task, state: State, systems: Sequence[LinearRun], lacking: Se
 def tables_of(runs: Sequence[Mapping[str, np.ndarray]], on_each: Sequence[str]) -> dict[str, Table]:
     """The tables that are asked for over the variables' histories in all runs, by a name of their own."""
     spans = {v: span for v in runs[0] if (span := span_of([r[v] for r in runs])) is not None}
-    pairs = [(on, v) for on in on_each for v in spans if (on, v) != ("thrust", "drive")]
-    asked = [Table(on, v, *over(*spans[v], sizes_of(v, True)[0])) for on, v in pairs]
+    asked = [
+        Table(on, v, *over(*span, sizes_of(v, True)[0])) for on in on_each for v, span in asked_over(on, spans).items()
+    ]
     return {f"table {t.acts_on} {t.variable}": t for t in asked}
 
 

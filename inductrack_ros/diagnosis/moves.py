@@ -170,13 +170,25 @@ def grown(state: State, found: CandidateSet, family: int, new: Fit) -> State:
     return replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
 
 
+@dataclass(frozen=True)
+class _Flown:
+    """A set of known effects whose runs were fitted from end to end from a point nearby, and its χ² with what chance
+    would reach."""
+
+    cost: float
+    found: CandidateSet
+    structure: Structure
+    point: Point
+    fit: end_to_end.Fit
+
+
 def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: int) -> list[State]:
     """Of sets of known effects those that leave nothing but noise where contact is taken exactly; cheapest first.
 
-    What leaves noise in all runs does so in each, and what is near to the cheapest is so in each: a set is first asked
-    for the one run that told most against those before. Only those near to the cheapest are weighed beside the sensors
-    as they are."""
-    flown = list[tuple[float, CandidateSet, Structure, Point, end_to_end.Fit]]()
+    What leaves noise in all runs does so in each, and what is near to the cheapest is so in each. So a set is first
+    asked for the one run that told most against those before. Only those near to the cheapest are weighed beside the
+    sensors as they are."""
+    flown: list[_Flown] = []
     asked: tuple[int, float] | None = None  # a run, and the largest χ² there of a set that is still in question
     for s in sets if state.fit.exact or touches(state.fit) else ():
         task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
@@ -188,15 +200,15 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
             hardest = int(np.argmax(whole.of_runs - [len(part.residual) for part in whole.linear]))
             asked = hardest, _most_left(task, hardest)
             continue
-        flown.append((whole.chi2 + sum(m.price(family) for m in s.members), s, structure, point, whole))
-        asked = _told_apart([f[4] for f in sorted(flown, key=lambda f: f[0])]) or asked
-    flown.sort(key=lambda f: f[0])
+        flown.append(_Flown(whole.chi2 + sum(m.price(family) for m in s.members), s, structure, point, whole))
+        flown.sort(key=lambda f: f.cost)
+        asked = _told_apart([f.fit for f in flown]) or asked
     found = dict[tuple[str, ...], State]()  # of one effect from several starts the cheapest
-    for cost, s, structure, point, whole in flown:
-        names = tuple(m.name for m in s.members)
-        if cost < flown[0][0] + NEAR and names not in found:
-            new = exactly(task.problem, structure, point, REFIT_STEPS, whole)
-            found[names] = grown(state, s, family, new).told(
+    for f in flown:
+        names = tuple(m.name for m in f.found.members)
+        if f.cost < flown[0].cost + NEAR and names not in found:
+            new = exactly(task.problem, f.structure, f.point, REFIT_STEPS, f.fit)
+            found[names] = grown(state, f.found, family, new).told(
                 f"{' + '.join(names)}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
             )
     return sorted(found.values(), key=lambda x: x.cost(task))

@@ -410,10 +410,7 @@ def laws(
     for on in acted_on(problem, fit):
         finely = pushed_by(on) in fine
         tables = [
-            (v, *over(low, high, n))
-            for v, (low, high) in spans.items()
-            for n in sizes_of(v, finely)
-            if not (on == "thrust" and v == "drive")
+            (v, *over(low, high, n)) for v, (low, high) in asked_over(on, spans).items() for n in sizes_of(v, finely)
         ]
 
         def parts(i: int, on=on, tables=tables) -> Columns:
@@ -468,6 +465,11 @@ def span_of(values: Sequence[np.ndarray]) -> tuple[float, float] | None:
     """Range of a variable over all runs; None where it does not move."""
     low, high = np.quantile(np.concatenate(values), [0.001, 0.999])
     return (float(low), float(high)) if high - low > 1e-6 * max(abs(low), abs(high), 1e-9) else None
+
+
+def asked_over(on: str, spans: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """The variables that a force may depend on, with their ranges; a share of the thrust does not on the drive."""
+    return {v: span for v, span in spans.items() if (on, v) != ("thrust", "drive")}
 
 
 def acted_on(problem: Problem, fit: Fit) -> list[str]:

@@ -9,8 +9,8 @@ LARGEST_SET, IN_PAIRS, IN_TRIPLES = 3, 14, 8
 #: Sets refitted in each round: the best, and those whose expected deviance is so near to it that the refit may turn
 #: them round (four times the 99.9 % point of χ² with one degree of freedom).
 REFITTED, NEAR = 4, 43.0
-#: Sets refitted in a round at the most, where the first keep less than others promise, and forces of any shape. A bound
-#: on time alone.
+#: Sets refitted in a round at the most, where the first keep less than others promise, as many single effects with
+#: contact taken exactly, and forces of any shape. A bound on time alone.
 MOST_REFITTED, FORCES_REFITTED = 12, 3
 #: Rounds of the search at the most: each adds a set.
 ROUNDS = 4

@@ -238,8 +238,9 @@ def pushed_by(acts_on: str) -> str:
 
 
 def shares_in(power: np.ndarray, acts_on: str, shares: Sequence[float]) -> list[np.ndarray]:
-    """Shares of the power (4,) of the coordinate that a force acts on (or the thrust), beside that of the others: a
-    force that is missing looks like a disturbance of its own coordinate, while others are shaken as they are."""
+    """Shares of the power of the coordinate that a force acts on (or the thrust), beside that of the others, (4,) each.
+
+    A force that is missing looks like a disturbance of its own coordinate. The others are shaken as they are."""
     mine = np.array(COORDINATES) == pushed_by(acts_on)
     return [np.where(mine, share, power) for share in shares_of(power, shares)]
 
