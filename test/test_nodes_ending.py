@@ -164,7 +164,8 @@ def test_a_node_ends_with_the_process_that_started_it(tmp_path):
     node = Path("/proc", starter.stdout.readline().decode().strip())
     wait_until(lambda: b"setpriv" not in (node / "cmdline").read_bytes(), "a node in the place of setpriv")
     starter.kill()
-    starter.communicate()
+    starter.wait()
+    starter.stdout.close()  # not read to its end: the node has it too
     wait_until(lambda: not node.exists() or ") Z " in (node / "stat").read_text(), "the end of the node")
 
 
