@@ -10,6 +10,7 @@ from test_checks import IMPACTS, NOISE, POSE, changed, flown, kinds, measured
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look
 from inductrack_ros.checks.check import check
+from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model, Pulses
 from inductrack_ros.core.state import CHANNELS, STATES
 from inductrack_ros.data import read_bag, read_csv, write_bag
@@ -613,3 +614,43 @@ def test_a_cradle_that_waits_for_its_pulses_is_no_rest(pose, model):
     pulses = Pulses(np.array([0.5]), np.array([3]), np.array([7000.0]))
     waiting = replace(held(pose, 250), runs=tuple(replace(r, pulses=pulses) for r in held(pose, 250).runs))
     assert not [f for f in look(waiting, model) if f.kind == "rest"]
+
+
+# ---------------------------------------------------------------- the drive
+
+
+def driven(run, lost=(), counted=True):
+    """A run by 300 pulses, 2 ms apart, without those of these numbers, as it comes out of a bag."""
+    kept = np.setdiff1d(np.arange(300), lost)
+    pulses = Pulses(2e-3 * kept, kept, np.full(len(kept), 7000.0))
+    return replace(run, pulses=pulses, pulse_counts=kept + 11.0 if counted else None)
+
+
+def test_a_run_ends_where_a_pulse_is_missing(pose):
+    """The cradle felt it, and no model can know. A last pulse that is missing nobody misses."""
+    model = Model.create(drive="pulses")
+    rig = replace(pose, runs=tuple(map(driven, pose.runs)))
+    assert not [f for f in look(rig, model) if f.kind == "lost_pulses"]
+    (found,) = [
+        f for f in look(of_run(rig, "b", lambda r: driven(r, [200, 201, 250, 299])), model) if f.kind == "lost_pulses"
+    ]
+    assert (found.severity, found.samples) == (SET_ASIDE, {"b": tuple(range(200, 301))})
+    assert "b.csv: 3 of 299 pulses that fired are not in the bag, the first after 0.398 s" in found.text
+    unknown = of_run(rig, "b", lambda r: driven(r, [200, 201], counted=False))
+    assert not [f for f in look(unknown, model) if f.kind == "lost_pulses"]
+
+
+def test_a_run_of_which_little_is_left_is_left_out_and_all_are_refused(pose):
+    model = Model.create(drive="pulses")
+    rig = replace(pose, runs=tuple(driven(r, [3]) if r.name == "b" else driven(r) for r in pose.runs))
+    used, findings = admit(rig, model)
+    assert [r.name for r in used.runs] == ["a", "c"] and "too little of the run is left" in findings[0].text
+    none = replace(pose, runs=tuple(driven(r, [3]) for r in pose.runs))
+    with pytest.raises(InputError, match="1 of 300 pulses that fired are not in the bag, .* record again"):
+        admit(none, model)
+
+
+def test_a_bag_counts_its_pulses(tmp_path):
+    run = driven(measured(STATES).runs[0])
+    write_bag(tmp_path / "bag", run.times, {c: run[c] for c in run.channels}, pulses=run.pulses)
+    assert read_bag(tmp_path / "bag", {"pose": "/inductrack/pose"}).pulse_counts.tolist() == list(range(1, 301))

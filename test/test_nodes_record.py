@@ -202,6 +202,36 @@ def test_a_duration_is_kept_to_a_tenth_of_a_second(ros, tmp_path, stamp):
         assert span < 0.51 and ended - first > 0.49
 
 
+#: Like `SOURCE`, but the second topic comes half a second after the first, and the third brings one message only.
+LATE = (
+    SOURCE.split("while not all")[0]
+    + """
+while not all(p.get_subscription_count() for p in publishers):
+    time.sleep(0.01)
+for publisher, count in zip(publishers, (2000, 2000, 1)):
+    message = PoseStamped()
+    for number in range(count):
+        message.header.stamp.sec, message.header.stamp.nanosec = 1 + number // 1000, number % 1000 * 1_000_000
+        message.pose.position.x = float(number)
+        publisher.publish(message)
+    time.sleep(0.5)
+while rclpy.ok():
+    time.sleep(0.1)
+"""
+)
+
+
+def test_a_duration_is_that_of_every_topic(ros, tmp_path):
+    """On a busy machine one topic comes long after another. The recording once ended with the first."""
+    bag, script = tmp_path / "bag", ros.folder / "late.py"
+    script.write_text(LATE)
+    recorder = ros.start("record", "-o", str(bag), "-d", "1", "--stamp", "header")
+    ros.start(str(script), "3", "0")
+    assert recorder.wait() == 0
+    recorded = numbers_in(bag)
+    assert [len(recorded[f"/inductrack/topic{i}"]) for i in range(3)] == [1001, 1001, 1]
+
+
 def test_only_asked_topics_and_a_duration(ros, tmp_path):
     bag = tmp_path / "bag"
     recorder = ros.start("record", "-o", str(bag), "-d", "0.5", "/inductrack/topic1")

@@ -255,7 +255,7 @@ def test_drive_pulses_fired_late_refused_and_two_simulators(ros):
     ros.wait(lambda: count("refused pulses") == "4", "the pulse to be there")
     ros.call(SetBool, "/inductrack/sim/pause", data=False)
     ros.wait(lambda: fired and count("fired pulses") == "1", "the echo of the pulse")
-    assert seconds(fired[0]) == pytest.approx(at, abs=1e-6) and len(fired) == 1
+    assert seconds(fired[0]) == pytest.approx(at, abs=1e-6) and [m.point.z for m in fired] == [1.0]
     assert (fired[0].point.x, fired[0].point.y) == (40.0, 7000.0)
 
     second = ros.start("sim")
@@ -306,23 +306,25 @@ def test_alone_it_flies_for_as_long_as_one_watches(ros):
 def test_a_run_that_somebody_records_or_waits_for_stays_one(ros):
     simulation = Simulation(Model.default(), {"surge_rate": 15.5}, 500.0, PulseQueue(10, 1e4, 6e-4))
     given = {"again": True, "lockstep": False, "listeners": 0, "track_length": 1000.0}
-    assert not any(Rest(ros.node, given).look(simulation) for _ in range(3))  # it flies
+    assert not any(Rest(ros.node, given, controllers=0).look(simulation) for _ in range(3))  # it flies
     simulation.x[4] = 0.0
     for why in ({}, {"again": False}, {"lockstep": True}, {"listeners": 1}):
-        rest = Rest(ros.node, given | why)
+        rest = Rest(ros.node, given | why, controllers=0)
         assert [rest.look(simulation) for _ in range(4)] == ([False, True, False, True] if not why else [False] * 4)
+    driven = Rest(ros.node, given | {"listeners": 1}, controllers=1)  # the listener is the controller
+    assert [driven.look(simulation) for _ in range(2)] == [False, True]
     stood = Simulation(Model.default(), {"surge_rate": 0.0}, 500.0, PulseQueue(10, 1e4, 6e-4))
-    assert not any(Rest(ros.node, given).look(stood) for _ in range(3))  # as asked
+    assert not any(Rest(ros.node, given, controllers=0).look(stood) for _ in range(3))  # as asked
     away = Simulation(Model.default(), {"surge_rate": 17.0}, 500.0, PulseQueue(10, 1e4, 6e-4))
     away.x[0] = 999.0
-    rest = Rest(ros.node, given)
+    rest = Rest(ros.node, given, controllers=0)
     assert not any(rest.look(away) for _ in range(3))
     away.x[0] = 1001.0  # above its balance speed it runs away
     assert [rest.look(away) for _ in range(4)] == [False, True, False, True]
     recorder = ros.start("record", "-o", "bag", "/pose")
     ros.node.create_publisher(PoseStamped, "/pose", 1)
     ros.wait(lambda: recorders(ros.node, "/pose"), "the recorder")  # its name comes after the count
-    rest = Rest(ros.node, given)
+    rest = Rest(ros.node, given, controllers=0)
     assert not any(rest.look(simulation) for _ in range(4))
     assert recorder.stop() == 0
 

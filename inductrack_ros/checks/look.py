@@ -15,6 +15,7 @@ from ..data import Campaign, Run
 from . import levels
 from .clocks import clocks
 from .copies import copies
+from .drive import lost_pulses
 from .excitation import excitation, too_few
 from .filled import filled
 from .finding import SET_ASIDE, Finding, impossible, worst_first
@@ -48,6 +49,8 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     touch = None if model is None else Touch.of(model)
     found = clocks(campaign)
     campaign = set_aside(campaign, found)
+    found += (undriven := lost_pulses(campaign))
+    campaign = set_aside(campaign, undriven)
     found += (before := rest(campaign))
     campaign = set_aside(campaign, before)
     found += (again := repeats(campaign))

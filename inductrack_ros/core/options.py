@@ -95,7 +95,7 @@ SIM: dict[str, Parameter | Option] = {
     "again": Option(
         True,
         "a cradle that stands, or is past the end of its track, begins its run anew, and stamps go on; not in lockstep,"
-        " with listeners, or while a node listens whose name has record in it",
+        " with listeners other than a controller, or while a node listens whose name has record in it",
     ),
     "paused": Option(False, "start standing still, until the pause service says otherwise"),
     "listeners": Option(0, "time begins when so many subscribe to pose, so that a recorder misses nothing", high=1000),

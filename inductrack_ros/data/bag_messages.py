@@ -25,8 +25,8 @@ from .message_fields import read_field as field_of
 from .order import Place, in_order
 
 TYPES = {name: sensor.message for name, sensor in INSTRUMENTS.items()} | {"pulses": "geometry_msgs/msg/PointStamped"}
-#: Columns that a topic gives; those of pulses are coil and current.
-COLUMNS = {name: sensor.channels for name, sensor in INSTRUMENTS.items()} | {"pulses": ("coil", "current")}
+#: Columns that a topic gives; those of pulses are coil, current and how many had fired.
+COLUMNS = {name: sensor.channels for name, sensor in INSTRUMENTS.items()} | {"pulses": ("coil", "current", "count")}
 #: Messages that are turned into channels at a time.
 BLOCK = 4096
 #: Length of a quaternion that is taken for a unit one.

@@ -177,8 +177,9 @@ def _write_messages(
     if pulses is not None:
         write_pulse = add(PULSE_TOPICS[0], TYPES["pulses"])
         pulse_stamps = (_nanoseconds(pulses.times) + _nanoseconds(start)).clip(0).tolist()
-        for stamp, coil, current in zip(pulse_stamps, pulses.coils, pulses.currents, strict=True):
-            write_pulse(stamp, header(stamp), point(float(coil), float(current), 0.0))
+        fired = zip(pulse_stamps, pulses.coils, pulses.currents, strict=True)
+        for count, (stamp, coil, current) in enumerate(fired, 1):
+            write_pulse(stamp, header(stamp), point(float(coil), float(current), float(count)))
 
 
 def _nanoseconds(seconds: ArrayLike) -> NDArray[np.int64]:

@@ -26,7 +26,8 @@ from .measurement import Array, Run
 #: Where the package's own nodes publish. A rig's sensors stand under `measured/`, the simulator's truth beside it.
 TRUTH = "/inductrack/"
 MEASURED = TRUTH + "measured/"
-#: Drive pulses: a PointStamped each; stamp = start of the half sine, x = coil index, y = signed current in A.
+#: Drive pulses: a PointStamped each; stamp = start of the half sine, x = coil index, y = signed current in A, z = how
+#: many have fired with this one, or anything else where nobody counts.
 PULSE_TOPICS = (TRUTH + "fired_pulses", TRUTH + "drive_pulses")
 ODOMETRY = TRUTH + "odometry"
 #: Packages whose messages are about the recording, not about the rig.
@@ -117,6 +118,7 @@ def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity:
             column[:] = np.nan
             column[rows] = stream.columns.pop()
 
+    pulses, counts = _pulses(path, streams.get("pulses"), stamps[0])
     return Run(
         name=name if name is not None else Path(unpacked_name(path)).stem if path.is_file() else path.name,
         file=path,
@@ -126,7 +128,8 @@ def _laid_out(path: Path, name: str | None, streams: dict[str, Stream], gravity:
         stamps=stamps,
         numbers=pose.numbers if len(stamps) == len(pose.stamps) else None,
         seconds_stated=True,
-        pulses=_pulses(path, streams.get("pulses"), stamps[0]),
+        pulses=pulses,
+        pulse_counts=counts,
         notes=tuple(notes),
     )
 
@@ -246,15 +249,18 @@ def _rotate_to_track(imu: Stream, pose: Stream, gravity: float) -> None:
             column[rows] = values
 
 
-def _pulses(path: Path, stream: Stream | None, start: int) -> Pulses | None:
+def _pulses(path: Path, stream: Stream | None, start: int) -> tuple[Pulses | None, Array | None]:
+    """The drive, and how many pulses had fired with each as the messages say; None where they do not count."""
     if stream is None:
-        return None
-    order = np.argsort(stream.stamps, kind="stable")
-    places, currents = (column[order] for column in stream.columns)
+        return None, None
+    order = np.lexsort((stream.columns[2], stream.stamps))
+    places, currents, counts = (column[order] for column in stream.columns)
     coils = np.rint(places)
     if (np.abs(places - coils) > 1e-6).any() or (np.abs(coils) > 2**53).any():
         raise InputError(f"{path}: topic {stream.topic}: point.x must be a whole coil index")
-    return Pulses(_seconds(stream.stamps[order], start), coils.astype(np.int64), currents)
+    counted = 2 * np.count_nonzero(np.diff(counts) == 1) > len(counts)
+    pulses = Pulses(_seconds(stream.stamps[order], start), coils.astype(np.int64), currents)
+    return pulses, counts if counted else None
 
 
 def _seconds(stamps: NDArray[np.int64], start: int) -> Array:

@@ -30,6 +30,7 @@ class Run:
     - initial_state: what is known of the state at time 0, by name; the rest is to be estimated
     - pulses: the drive, where the bag holds the pulses that were fired, by time on the run's clock; None:
       `drive_current`, averaged
+    - pulse_counts: by pulse, how many had fired with it since the drive was switched on; None where nobody counts
     - numbers: (n,) where each sample stands in its file, from 1: the row as an editor counts (CSV), or the message on
       the pose's topic (bag); None where samples are of several topics, or of no file
     - seconds_stated: whether the file itself says that its time is in seconds: a bag, or a unit in a CSV's header
@@ -48,6 +49,7 @@ class Run:
     drive_current: float = 0.0
     initial_state: Mapping[str, float] = field(default_factory=dict)
     pulses: Pulses | None = None
+    pulse_counts: Array | None = None
     numbers: NDArray[np.integer] | None = None
     seconds_stated: bool = False
     inputs: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)

@@ -44,7 +44,7 @@ MEANINGS = {
         "likewise, specific force in `cradle`, its noise as covariance; m/s²; orientation and turn rate not measured"
     ),
     "measured/gap_*": "likewise; m",
-    "fired_pulses": "what was fired, as on `drive_pulses`",
+    "fired_pulses": "what was fired, as on `drive_pulses`; `point.z`: how many with this one",
     "drive_pulses": "stamp: begin of the half sine; `point.x`: coil; `point.y`: A, with sign",
     "residual/pose": "measured minus the model's run through the window, at the stamps measured; not in contact",
     "residual/twist": "likewise",

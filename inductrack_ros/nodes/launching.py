@@ -91,9 +91,10 @@ def plan(given: Mapping[str, str], namespace: str) -> list[Started]:
     others = []
     if given["controller"] == "true" or (not given["controller"] and drive == "pulses"):
         others.append(Started("track_controller", clock | {"lockstep": known["lockstep"]}))
-    if given["bag"]:  # time begins once it listens, and the controller too where there is one
-        asked["listeners"] = max(known["listeners"], 1 + len(others))
+    if given["bag"]:
         others.append(Started("record", clock, (f"--output={given['bag']}",), reads_file=False))
+    if len(others) > known["listeners"]:  # time begins once all of them listen
+        asked["listeners"] = len(others)
     if given["monitor"] == "true":
         others.append(Started("monitor", clock | {"drive": drive}, needed=False))
     return [*others, Started("sim", asked)]

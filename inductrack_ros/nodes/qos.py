@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions, QoSPolicyKind
+from rclpy.subscription import Subscription
 
 from ..core.errors import InputError
 
@@ -38,10 +39,12 @@ def publisher(node: Node, kind: type, topic: str, qos: QoSProfile, must_be_relia
 
 def subscribe(
     node: Node, kind: type, topic: str, callback: Callable, qos: QoSProfile, must_be_reliable: str = ""
-) -> None:
+) -> Subscription:
     """The same for a subscription."""
     options = _options(must_be_reliable)
-    _made(lambda: node.create_subscription(kind, topic, callback, qos, qos_overriding_options=options), node, topic)
+    return _made(
+        lambda: node.create_subscription(kind, topic, callback, qos, qos_overriding_options=options), node, topic
+    )
 
 
 def _options(must_be_reliable: str) -> QoSOverridingOptions:

@@ -26,6 +26,8 @@ from .runtime import NAMESPACE, every, run
 QUEUE_DEPTH = 20000  # messages a topic may bring while one second is being written
 FLUSH_PERIOD = 0.5  # s; what `kill -9` can cost, with the second of grace the promise gives
 TIME_PERIOD = 0.02  # s between looks at the time, where a duration is asked for
+SENT_AGAIN = 4.0  # s without a message after which none is on its way; Fast DDS repeats lost ones every 3 s
+SILENT = 1.0  # s; the same where the topics that are waited for have brought nothing at all
 LOOK_PERIOD = 0.2  # s between looks for new topics
 NOT_WANTED = ("lockstep/", "forces", "scene")  # unless asked for: bookkeeping, and what is there once more as markers
 
@@ -40,9 +42,10 @@ class Recorder(Node):
         self._bag = SegmentedBag(options.output)
         self._skipped: set[str] = set()
         self._begun: float | None = None  # s, monotonic
-        self._first: dict[str, int] = {}  # header stamp (ns) of each topic's first message
+        self._first: dict[str, int] = {}  # header stamp (ns) from which each topic's time counts
+        self._passed: dict[str, float] = {}  # ns of its time that each topic has reached
         self._last = float("inf") if options.duration is None else options.duration * 1e9  # ns since the first message
-        self._span = 0  # ns between the stamps of one topic, at most
+        self._kept_at = 0.0  # s, monotonic; when the last message was kept
         self._subscriptions_by_topic: dict[str, Subscription] = {}
         self.finished, self.exit_status = False, 0
         self._look_for_topics()
@@ -105,13 +108,21 @@ class Recorder(Node):
             self._begun = time.monotonic()
         if self._options.stamp == "header":
             at = stamp_ns(data)
-            passed = at - self._first.setdefault(topic, at)
-            self._span = max(self._span, passed)
+            passed = at - self._begin_of(topic, at)
+            self._passed[topic] = max(self._passed.get(topic, 0), passed)
         else:
             at = time.time_ns()
             passed = (time.monotonic() - self._begun) * 1e9
         if passed <= self._last:
             self._bag.write(topic, at, data)
+            self._kept_at = time.monotonic()
+
+    def _begin_of(self, topic: str, stamp: int) -> int:
+        """The stamp (ns) from which a topic's time counts: the first of all that are on its clock."""
+        if topic not in self._first:
+            same_clock = [first for first in self._first.values() if 0 <= stamp - first <= self._last]
+            self._first[topic] = min(same_clock, default=stamp)
+        return self._first[topic]
 
     def _flush(self) -> None:
         try:
@@ -121,9 +132,23 @@ class Recorder(Node):
             self.finished = True
 
     def _look_at_time(self) -> None:
-        if self._begun is not None:
-            passed = self._span if self._options.stamp == "header" else (time.monotonic() - self._begun) * 1e9
-            self.finished |= passed >= self._last
+        if self._begun is None:
+            return
+        if self._options.stamp == "header":
+            self.finished |= self._all_have_come()
+        else:
+            self.finished |= (time.monotonic() - self._begun) * 1e9 >= self._last
+
+    def _all_have_come(self) -> bool:
+        """Whether every topic has reached the end, or one has and the others are silent. On a busy machine one topic
+        comes long after another, and pulses come only while somebody drives."""
+        behind = {t for t in self._subscriptions_by_topic if self._passed.get(t, -1) < self._last}
+        if not behind or len(behind) == len(self._subscriptions_by_topic):
+            return not behind
+        for topic in self._subscriptions_by_topic:
+            self._take_waiting(topic)
+        patience = SENT_AGAIN if behind & self._passed.keys() else SILENT
+        return time.monotonic() - self._kept_at > patience
 
     def close(self) -> None:
         if not self.exit_status:

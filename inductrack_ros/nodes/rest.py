@@ -14,11 +14,13 @@ STANDS = 0.01  # m/s; friction lets a cradle creep for ever
 
 
 class Rest:
-    """Looked at once a second. A cradle that began at rest is left alone."""
+    """Looked at once a second. A cradle that began at rest is left alone. Of the ``listeners`` that time waited for,
+    all but the controllers may record."""
 
-    def __init__(self, node: Node, options: Mapping[str, object]) -> None:
+    def __init__(self, node: Node, options: Mapping[str, object], controllers: int) -> None:
         self._node = node
-        self._may_begin_anew = options["again"] and not options["lockstep"] and not options["listeners"]
+        recorded = options["listeners"] > controllers
+        self._may_begin_anew = options["again"] and not options["lockstep"] and not recorded
         self._end_of_track = options["track_length"]
         self._said = self._over = False
 

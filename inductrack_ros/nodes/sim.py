@@ -80,7 +80,7 @@ class SimNode(Node):
             raise InputError(f"sim: reliability = 'best_effort': {LOSSLESS}")
         self._topics = SimulatorTopics(self, self._force_effects(), options)
         must = LOSSLESS if options["lockstep"] else ""
-        subscribe(self, PointStamped, "drive_pulses", self._take_pulse, profile(), must)
+        self._commands = subscribe(self, PointStamped, "drive_pulses", self._take_pulse, profile(), must)
         self.create_service(SetBool, "~/pause", self._pause)
         self.create_service(Trigger, "~/step", self._step)
         self.create_service(Trigger, "~/reset", self._reset)
@@ -103,7 +103,7 @@ class SimNode(Node):
         else:
             every(self, 1.0 / options["rate"], self._wake)
         self._diagnostics = Diagnostics(self, "simulation")
-        self._rest = Rest(self, options)
+        self._rest = Rest(self, options, controllers=int(self.model.drive == "pulses"))
         self._troubles: set[str] = set()  # that have been said
         every(self, PERIOD, self._diagnose)
         self._say_what_runs()
@@ -177,8 +177,8 @@ class SimNode(Node):
             self.get_logger().warning(
                 f"no drive pulse for {timeout:g} s (command_timeout): no thrust; is the controller running?"
             )
-        for pulse in begun:
-            self._topics.fired(stamp_of(self._zero + round(pulse.time * 1e9)), pulse)
+        for count, pulse in enumerate(begun, self.queue.fired - len(begun) + 1):
+            self._topics.fired(stamp_of(self._zero + round(pulse.time * 1e9)), pulse, count)
         self._publish()
         return True
 
@@ -233,10 +233,14 @@ class SimNode(Node):
         return self.count_publishers("lockstep/done") > 0 and self._heard()
 
     def _heard(self) -> bool:
-        """Whether all who listen are connected, and as many as are waited for: what is sent earlier would be lost."""
-        enough = self.count_subscribers("pose") >= self._options["listeners"]
-        waits = self._options["lockstep"] or self._options["listeners"] > 0
-        return enough and (not waits or self._topics.listeners.all_hear())
+        """Whether all who listen are connected, and as many as are waited for: what is sent earlier would be lost. So
+        would be the first pulses of a controller that is not heard yet."""
+        if self.count_subscribers("pose") < self._options["listeners"]:
+            return False
+        if not self._options["lockstep"] and not self._options["listeners"]:
+            return True
+        controllers = self.count_publishers("drive_pulses")
+        return controllers <= self._commands.get_publisher_count() and self._topics.listeners.all_hear()
 
     def _expect_answer(self) -> None:
         self._questions += 1

@@ -237,8 +237,8 @@ class SimulatorTopics:
             message = self._gap_message(stamp, sensor, reading[sensor], parameters["nominal_gap"], noise[sensor])
         self._measured[sensor].publish(message)
 
-    def fired(self, stamp: Time, pulse: Pulse) -> None:
-        self._fired.publish(pulse_message(stamp, pulse.coil, pulse.current, self._frames[0]))
+    def fired(self, stamp: Time, pulse: Pulse, count: int) -> None:
+        self._fired.publish(pulse_message(stamp, pulse.coil, pulse.current, self._frames[0], count))
 
     def _pose_message(self, stamp: Time, coordinates: np.ndarray) -> PoseStamped:
         message = self._blank(PoseStamped, stamp)
@@ -277,12 +277,13 @@ class SimulatorTopics:
         return array
 
 
-def pulse_message(stamp: Time, coil: int, current: float, frame: str = "track") -> PointStamped:
-    """A drive pulse: stamp = start of the half sine, x = coil, y = signed current (A)."""
+def pulse_message(stamp: Time, coil: int, current: float, frame: str = "track", count: int = 0) -> PointStamped:
+    """A drive pulse: stamp = start of the half sine, x = coil, y = signed current (A); of a fired one, z = how many
+    have fired with it."""
     message = PointStamped()
     message.header.stamp = stamp
     message.header.frame_id = frame
-    message.point.x, message.point.y = float(coil), float(current)
+    message.point.x, message.point.y, message.point.z = float(coil), float(current), float(count)
     return message
 
 
