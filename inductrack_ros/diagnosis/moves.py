@@ -59,6 +59,7 @@ class State:
     log: tuple[str, ...] = ()
     rounds: tuple[tuple[tuple[str, ...], Screening], ...] = ()
     freedom: tuple[tuple[str, float], ...] = ()  # what that of each force of any shape costs
+    closed: Mapping[str, float] = field(default_factory=dict)  # what those cost that a closed form describes for less
     twins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by effect, what the data cannot tell from it
     rivals: Mapping[str, State] = field(default_factory=dict)  # the states with those in its place
     far: bool = False  # more is missing than the search may add
@@ -307,6 +308,14 @@ def with_law(task: Task, state: State, law: Law) -> State:
     )
 
 
+def described(task: Task, state: State, name: str, cost: float) -> State:
+    """The state with a force of any shape at the cost of what describes it, where that is less than its table's."""
+    had = _share(task, state, name)
+    if cost >= had:
+        return state
+    return replace(state, price=state.price + cost - had, closed={**state.closed, name: cost})
+
+
 def taken_exactly(task: Task, state: State) -> State:
     """The state with contact taken exactly, where that leaves nothing but noise; else as it was.
 
@@ -322,7 +331,7 @@ def taken_exactly(task: Task, state: State) -> State:
 def smoothed_anew(task: Task, state: State) -> State:
     """The state with the tables of its stand-ins as smooth as the data now say, where that pays: at first order they
     were told by a poorer fit."""
-    for name in () if state.fit.lost else state.fit.structure.tables:
+    for name in () if state.fit.lost else state.fit.structure.tables.keys() - state.closed.keys():
         f = state.fit
         table = table_of(task.problem, f, linearise_all(task.problem, f), name)
         structure = replace(f.structure, smoothness={**f.structure.smoothness, name: table.smoothness})
@@ -349,8 +358,12 @@ def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:
     power = np.maximum(f.power, floor * first_power(task.problem, f.structure, f.point)) if floor else f.power
     new = fit(task.problem, structure, replace(f.point, theta=f.theta[kept], power=power), REFIT_STEPS)
     price = state.price - _share(task, state, name)
-    freedom = tuple(f for f in state.freedom if f[0] != name)
-    return replace(state, fit=new, added=tuple(n for n in state.added if n != name), price=price, freedom=freedom)
+    left = {
+        "added": tuple(n for n in state.added if n != name),
+        "freedom": tuple(f for f in state.freedom if f[0] != name),
+        "closed": {n: cost for n, cost in state.closed.items() if n != name},
+    }
+    return replace(state, fit=new, price=price, **left)
 
 
 def surely_needed(task: Task, state: State, name: str) -> bool:
@@ -370,7 +383,7 @@ def surely_needed(task: Task, state: State, name: str) -> bool:
 def _share(task: Task, state: State, name: str) -> float:
     """What one effect of a state costs by chance."""
     if name.startswith("stand_in"):
-        return law_price() + dict(state.freedom)[name]
+        return state.closed.get(name, law_price() + dict(state.freedom)[name])
     count = sum(n.rpartition(".")[0] == name for n in state.fit.structure.free)
     return Candidate(name, name, {}, count).price(len(names(task.problem, state.fit.structure)) + 1)
 

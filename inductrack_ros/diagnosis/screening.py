@@ -390,6 +390,21 @@ class Law:
         return f"stand_in_{self.acts_on}"
 
 
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations of a table of a force: its matrix ``gram`` (l, l) and right-hand side ``score`` (l,) over noise,
+    all else projected out, at a power of the disturbances that alone raises the deviance by ``rise``."""
+
+    acts_on: str
+    variable: str
+    start: float
+    step: float
+    gram: np.ndarray
+    score: np.ndarray
+    power: np.ndarray
+    rise: float
+
+
 def laws(
     problem: Problem,
     fit: Fit,
@@ -399,6 +414,22 @@ def laws(
 ) -> list[Law]:
     """Forces of any shape on all they may act on, most telling first; with ``fine`` tables where something is known to
     be missing."""
+    best: dict[tuple[str, str], Law] = {}
+    for e in equations(problem, fit, systems, fine, variables):
+        table = smoothest_of(e.gram, e.score, problem.samples, e.variable in ALONG)
+        law = Law(e.acts_on, e.variable, e.start, e.step, table, table.promise - e.rise, e.power)
+        best[e.acts_on, e.variable] = max(best.get((e.acts_on, e.variable), law), law, key=lambda x: x.gain)
+    return sorted(best.values(), key=lambda x: -x.gain)
+
+
+def equations(
+    problem: Problem,
+    fit: Fit,
+    systems: Sequence[LinearRun],
+    fine: Sequence[str],
+    variables: Sequence[str] | None = None,
+) -> list[Equations]:
+    """The normal equations of every table, on all that a force may act on and beside each share of its own power."""
     runs = [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
     spans = {
         v: span
@@ -406,7 +437,7 @@ def laws(
         if (variables is None or v in variables) and (span := span_of([r[v] for r in runs])) is not None
     }
     plain = scores(problem, fit, {}, systems).plain
-    found: list[Law] = []
+    found: list[Equations] = []
     for on in acted_on(problem, fit):
         finely = pushed_by(on) in fine
         tables = [
@@ -422,13 +453,8 @@ def laws(
         told = _blocks(problem, fit, systems, parts, [t[3] for t in tables], powers)
         for power, (gram, score, base) in zip(powers, told, strict=True):
             for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
-                table = smoothest_of(A, b, problem.samples, variable in ALONG)
-                found.append(Law(on, variable, start, step, table, plain - base + table.promise, power))
-    best: dict[tuple[str, str], Law] = {}
-    for law in found:
-        key = law.acts_on, law.variable
-        best[key] = max(best.get(key, law), law, key=lambda x: x.gain)
-    return sorted(best.values(), key=lambda x: -x.gain)
+                found.append(Equations(on, variable, start, step, A, b, power, base - plain))
+    return found
 
 
 def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: str) -> Smooth:

@@ -18,6 +18,7 @@ from ..estimation.shooting import linearise_all
 from . import background
 from .belonging import odd_run
 from .beside import add_beside
+from .closed import add_closed
 from .leads import best_lead
 from .moves import (
     OutOfTime,
@@ -287,6 +288,7 @@ ADDING: tuple[tuple[str, Stage], ...] = (
     ("known effects", add_known),
     ("a force of any shape", add_unknown),
     ("a force of any shape beside a known effect", add_beside),
+    ("a force of a closed form", add_closed),
     ("a force on two variables", add_pair),
 )
 REVISING: tuple[tuple[str, Stage], ...] = (

@@ -93,6 +93,19 @@ class Table:
             factor,
         )
 
+    @classmethod
+    def of_equations(
+        cls, acts_on: str, variable: str, start: float, step: float, gram: np.ndarray, score: np.ndarray
+    ) -> Table:
+        """From the normal equations (l, l) and (l,) of a table that is not fitted yet."""
+        said, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
+        seen = said > 1e-9 * max(said[-1], 1e-300)
+        directions = np.sqrt(said[seen])[:, None] * vectors[:, seen].T
+        u = np.linspace(*covered(start, step, len(gram)), POINTS)
+        laid = np.linalg.pinv(basis(u, start, step, len(gram)), rcond=1e-8)
+        told = vectors[:, seen].T @ score / np.sqrt(said[seen])
+        return cls(acts_on, variable, u, told, directions @ laid, acts_on == "thrust")
+
     def lay(self, columns: np.ndarray) -> np.ndarray:
         """Columns (n, k) of forces as the data see them, (d, k)."""
         seen = self.shown @ np.nan_to_num(columns, posinf=0.0, neginf=0.0)
@@ -207,11 +220,19 @@ def _canonical(form: Form, parameters: dict[str, float]) -> dict[str, float]:
     return {**parameters, "force": abs(parameters["force"]), "phase": float((turned + np.pi) % (2 * np.pi) - np.pi)}
 
 
+def starts_of(table: Table, form: Form) -> int:
+    """From how many shapes a form is sought."""
+    return len(_grid(table, form))
+
+
+def _grid(table: Table, form: Form) -> np.ndarray:
+    grid = np.array(list(product(*(table.range.starts(s.kind) for s in form.shapes))))
+    return grid[:: len(grid) // MOST_STARTS + 1] if len(grid) > MOST_STARTS else grid
+
+
 def _starts(table: Table, form: Form) -> list[tuple[np.ndarray, float]]:
     """Shapes from a grid with the χ² of each."""
-    grid = np.array(list(product(*(table.range.starts(s.kind) for s in form.shapes))))
-    if len(grid) > MOST_STARTS:
-        grid = grid[:: len(grid) // MOST_STARTS + 1]
+    grid = _grid(table, form)
     columns = [table.lay(c) for c in form.columns(table.u, grid)]
     wanted = table.wanted
     found = []

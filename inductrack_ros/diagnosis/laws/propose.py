@@ -52,7 +52,7 @@ def propose_laws(task: Task, state: State, unknown: Unknown | None, sigma: np.nd
     ]
     found: list[tuple[Fit, Written, ProposedLaw]] = []
     for law in written:
-        new = _refitted(task, fit, name, law)
+        new = in_place(task, fit, name, law)
         excess = _misfit(new) - _misfit(fit)
         price = law.form.count * float(np.log(samples)) + 2.0 * float(np.log(len(screened)))
         found.append((new, law, _judged(new, law, excess, table.seen, occam - price, unknown.at)))
@@ -93,7 +93,7 @@ def _misfit(fit: Fit) -> float:
     return fit.deviance - fit.structure.surprise(fit.theta)
 
 
-def _refitted(task: Task, fit: Fit, name: str, law: Written) -> Fit:
+def in_place(task: Task, fit: Fit, name: str, law: Written) -> Fit:
     """Everything refitted with the law in the table's place, from where the fit and the law's own fit to the table
     stand."""
     structure = LawStructure.of(fit.structure, name, law)
