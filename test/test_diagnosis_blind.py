@@ -126,6 +126,13 @@ def test_a_force_and_an_effect_of_which_neither_pays_alone():
 
 
 @pytest.mark.nightly
+def test_a_faint_force_whose_table_does_not_pay():
+    """A patch of force of 16 deviations takes 121 off the deviance. Its table costs 129, a bump 32."""
+    row = run(19608, "unknown")
+    assert row["right"], row
+
+
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "seed",
     [

@@ -16,13 +16,14 @@ from inductrack_ros.core.effects.stand_in import basis, over, parameters
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis import answer
+from inductrack_ros.diagnosis.closed import price_of
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.laws.code import Written, module_text
 from inductrack_ros.diagnosis.laws.fitting import Table, fitted, likely
 from inductrack_ros.diagnosis.laws.forms import FORMS, Range, forms_on, unit_of
 from inductrack_ros.diagnosis.laws.propose import propose_laws
 from inductrack_ros.diagnosis.laws.words import quantity
-from inductrack_ros.diagnosis.moves import State, Task, with_law
+from inductrack_ros.diagnosis.moves import State, Task, law_price, with_law
 from inductrack_ros.diagnosis.screening import laws
 from inductrack_ros.diagnosis.settings import TWINS
 from inductrack_ros.diagnosis.smooth import smoothest_of
@@ -81,6 +82,39 @@ def test_no_form_is_claimed_for_what_is_none(shape):
         "quintic": np.polynomial.chebyshev.chebval(2 * x - 1, [0, 0.2, 0.5, 1.0, -0.7, 1.0]),
     }[shape]
     assert not likely(fitted(table("heave", "surge", u, force, 0.3 * np.std(force), 60), SAMPLES), TWINS)
+
+
+def equations_of(variable, covered, intervals, force, noise, seed):
+    """Normal equations of a table, and that of them alone, from samples of a force with noise."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(*covered, SAMPLES)
+    low, step, count = over(*covered, intervals)
+    B = basis(u, low, step, count)
+    gram, score = B.T @ B / noise**2, B.T @ (force(u) + noise * rng.standard_normal(SAMPLES)) / noise**2
+    return gram, score, Table.of_equations("heave", variable, low, step, gram, score)
+
+
+def gain_of(table, family=140):
+    """The form that gains most beyond what chance would, and how much."""
+    whole = float(table.wanted @ table.wanted)
+    gains = {f.form.name: whole - f.misfit - price_of(f, table, family) for f in fitted(table, SAMPLES)}
+    return max(gains.items(), key=lambda one: one[1])
+
+
+def test_a_form_pays_where_its_table_does_not():
+    """A narrow bump: the table has 63 values for it, the form three."""
+    bump = {"force": -12.0, "place": 8.0, "width": 0.3}
+    gram, score, table = equations_of("surge", (0, 20), 60, lambda u: FORM["bump"].value(u, bump), 9.0, seed=1)
+    assert smoothest_of(gram, score, SAMPLES).promise < law_price()
+    name, gain = gain_of(table)
+    assert name == "bump" and gain > 25.0
+
+
+def test_chance_pays_for_no_form():
+    """One campaign in a hundred may; of these the best falls short by what a handful of parameters gain."""
+    tables = [("surge", (0, 20), 60), ("sway", (-4e-3, 4e-3), 24)] * 8
+    gains = [gain_of(equations_of(*t, np.zeros_like, 1.0, seed=k)[2])[1] for k, t in enumerate(tables)]
+    assert -25.0 < max(gains) < 0.0
 
 
 def test_the_misfit_of_the_true_form_is_chi_square():
