@@ -2,8 +2,9 @@
 """What further columns would explain at a fit: whitened scores at several powers of the disturbances.
 
 A missing effect makes the plant look shaken, and a shaken plant hides it. So every question is asked at the power that
-the fit found and at smaller ones down to none, and each answer may take the power that suits it best. All of it is
-linear algebra on the normal equations of one linearisation, whatever the number of runs and samples."""
+the fit found and at smaller ones, of all coordinates down to none and of each alone, and each answer may take the power
+that suits it best. All of it is linear algebra on the normal equations of one linearisation, whatever the number of
+runs and samples."""
 
 from __future__ import annotations
 
@@ -25,6 +26,8 @@ from .shooting import Fit
 SHARES = (1.0, 1e-1, 1e-2, 1e-4, 0.0)
 #: The same for a choice among many starts of one effect.
 TWO_SHARES = (1.0, 1e-2)
+#: The share of one coordinate's power beside the whole of the others': what is missing there has passed for it.
+ALONE = 1e-2
 #: Prior standard deviation of a column's coefficient, in typical sizes.
 WIDE = 300.0
 #: A column that keeps less than this part of its square beside the others is one of them.
@@ -192,9 +195,10 @@ def scores(
     shares: Sequence[float] = SHARES,
     bounds: Mapping[str, np.ndarray] | None = None,
 ) -> Scores:
-    """The scores of named columns, each given for every run, at a fit, at these shares of the power; beside each of the
-    backgrounds, the fit's own unless given. ``bounds`` (k, 2) of a name's coefficients, where they may not go
-    anywhere."""
+    """The scores of named columns, each given for every run, at a fit, at these shares of the power and at one of each
+    coordinate's alone; beside each of the backgrounds, the fit's own unless given.
+
+    ``bounds`` (k, 2) of a name's coefficients, where they may not go anywhere."""
     places, end, limits = {}, 0, [np.empty((0, 2))]
     for name, parts in named.items():
         width = parts[0].data.shape[1]
@@ -203,6 +207,7 @@ def scores(
     structure, asked = fit.structure, list[tuple[Background, np.ndarray]]()
     for background in backgrounds or (Background(fit.power, fit.processes),):
         powers = shares_of(background.power, shares)
+        powers += [p for c in COORDINATES for p in shares_in(background.power, c, (ALONE,))]
         asked += [(background, p) for k, p in enumerate(powers) if not any((p == q).all() for q in powers[:k])]
 
     def one(i: int) -> list[tuple[np.ndarray, np.ndarray]]:
