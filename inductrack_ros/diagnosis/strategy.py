@@ -37,6 +37,7 @@ from .moves import (
     taken_exactly,
     with_law,
     without,
+    without_hum,
 )
 from .pairs import add_pair
 from .screening import CandidateSet, Law, Screening, laws
@@ -221,19 +222,25 @@ def promising(screening: Screening, plain: float) -> list[CandidateSet]:
 
 
 def add_unknown(task: Task, state: State) -> State:
-    """Add a force of any shape where one is still missing."""
+    """Add a force of any shape where one is still missing; a force that comes and goes in time may have passed for a
+    hum of the sensors."""
     if state.stands_in:
         return state
-    systems = linearise_all(task.problem, state.fit)
-    tables = laws(task.problem, state.fit, systems, shaken(task, state, systems))
-    if not tables or tables[0].gain < law_price():
-        return state.told("no force of any shape is missing")
-    new = best_force(task, state, tables)
-    if new.odd:
-        return new
-    if new.cost(task) < state.cost(task):
-        return add_background(task, new)
-    return state.told(f"a force in {tables[0].acts_on} on {tables[0].variable} promises more than it keeps")
+    found, log = state, state.log
+    bare = without_hum(task, state)
+    for start in [state] if bare is state else [state, bare]:
+        systems = linearise_all(task.problem, start.fit)
+        tables = laws(task.problem, start.fit, systems, shaken(task, start, systems))
+        if not tables or tables[0].gain < law_price():
+            log = (*log, "no force of any shape is missing")
+            continue
+        new = best_force(task, start, tables)
+        if new.odd:
+            return new
+        if new.cost(task) < found.cost(task):
+            found = new
+        log = (*log, f"a force in {tables[0].acts_on} on {tables[0].variable} promises more than it keeps")
+    return replace(state, log=log) if found is state else add_background(task, found)
 
 
 def prune(task: Task, state: State) -> State:
