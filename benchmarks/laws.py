@@ -85,19 +85,16 @@ def outside(rng, u: np.ndarray, r: Range):
 
 
 def table_of(rng, variable: str, r: Range, u: np.ndarray, force: np.ndarray, noise: float) -> Table:
-    """The table that a fit makes of samples of the force, as smooth as its evidence says."""
+    """What samples of the force say of its table, of the size that a diagnosis would choose."""
     y = force + noise * rng.standard_normal(len(u))
-    best = None
+    found = []
     for intervals in (MEDIUM, FINE) if variable in ALONG else (MEDIUM,):
         low, step, count = over(r.low, r.low + r.length, intervals)
         B = basis(u, low, step, count)
         gram, score = B.T @ B / noise**2, B.T @ y / noise**2
-        smooth = smoothest_of(gram, score, len(u), variable in ALONG)
-        if best is None or smooth.promise > best[0].promise:
-            best = smooth, gram, low, step
-    smooth, gram, low, step = best
-    covariance = np.linalg.inv(gram + smooth.smoothness.precision("stand_in_heave", len(smooth.values)))
-    return Table.of("stand_in_heave", parameters(variable, low, step), smooth.values, covariance, smooth.smoothness)
+        promise = smoothest_of(gram, score, len(u), variable in ALONG).promise
+        found.append((promise, Table.of("heave", parameters(variable, low, step), gram, score)))
+    return max(found, key=lambda f: f[0])[1]
 
 
 def samples_of(rng, variable: str, r: Range, n: int) -> np.ndarray:

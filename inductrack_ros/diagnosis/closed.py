@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from scipy import stats
 
+from ..core.effects.stand_in import parameters
 from ..estimation.kalman import LinearRun
 from ..estimation.scores import pushed_by
 from ..estimation.shooting import Fit, linearise_all
@@ -54,7 +55,7 @@ def promises(task: Task, f: Fit, systems: Sequence[LinearRun], lacking: Sequence
     """What closed forms promise on all that a force may depend on and act on; of each pair of these the best first."""
     samples = task.problem.samples
     asked = [e for e in equations(task.problem, f, systems, lacking) if pushed_by(e.acts_on) in lacking]
-    tables = [Table.of_equations(e.acts_on, e.variable, e.start, e.step, e.gram, e.score) for e in asked]
+    tables = [Table.of(e.acts_on, parameters(e.variable, e.start, e.step), e.gram, e.score) for e in asked]
     found = [fitted(table, samples) for table in tables]
     of_all = zip(tables, found, strict=True)
     family = len({(t.acts_on, t.variable, one.form.name) for t, fits in of_all for one in fits})

@@ -458,7 +458,13 @@ def equations(
 
 
 def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: str) -> Smooth:
-    """A stand-in's table as the data ask for it at a fit, and how smooth; all else is nuisance."""
+    """A stand-in's table as the data ask for it at a fit, and how smooth."""
+    swings = VARIABLES[int(fit.model.effects[effect]["variable"])] in ALONG
+    return smoothest_of(*asked_of(problem, fit, systems, effect), problem.samples, swings)
+
+
+def asked_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: str) -> tuple[np.ndarray, np.ndarray]:
+    """The normal equations (l, l) and (l,) of the values of a stand-in's table at a fit; all else is nuisance."""
     structure, mine = fit.structure, fit.structure.tables[effect]
     other = np.setdiff1d(np.arange(len(fit.theta)), mine)
 
@@ -475,8 +481,7 @@ def table_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     cross = whole[np.ix_(o, m)]
     gram = (whole[np.ix_(m, m)] - cross.T @ inverse @ cross) / np.outer(scale, scale)
     score = -(whole[m, 0] + cross.T @ step) / scale
-    swings = VARIABLES[int(fit.model.effects[effect]["variable"])] in ALONG
-    return smoothest_of(gram, gram @ (fit.theta[mine] * scale) + score, problem.samples, swings)
+    return gram, gram @ (fit.theta[mine] * scale) + score
 
 
 def sizes_of(variable: str, fine: bool) -> tuple[int, ...]:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Closed forms fitted to the table of an unknown force, with what the data say of the table as weight.
 
-A fitted table is as smooth as its prior makes it. Here the prior is taken out again: what is left is the data's own
-Gaussian statement about the table, as independent numbers of unit noise (`Table`). Every form is fitted to these by
+A fitted table is as smooth as its prior makes it. Here stands what the data alone say of it: a Gaussian statement, as
+independent numbers of unit noise (`Table`). Every form is fitted to these by
 variable projection (Golub and Pereyra 1973): sizes by linear least squares, shapes from a grid of starts."""
 
 from __future__ import annotations
@@ -16,14 +16,11 @@ import numpy as np
 from scipy import optimize, stats
 
 from ...core.effects.stand_in import VARIABLES, basis, covered
-from ...estimation.structure import Smoothness
 from ..factor import Factor
 from .forms import Form, Range, forms_on
 
-#: Directions of a table count as seen where the data say at least this part of what the prior of its smoothness says.
-SEEN = 0.01
-#: Directions whose prior precision is beyond this, over those of the stiffest and of the data, are lost in rounding.
-SURE = 1e14
+#: A direction of a table of which the data say less than this part of what they say of another is not seen: rounding.
+SEEN = 1e-9
 #: Points at which forms are laid on a table; starts that are polished; most combinations of starts.
 POINTS, POLISHED, MOST_STARTS = 240, 3, 600
 #: Two forms with columns as parallel as this are one over the range of the data.
@@ -60,51 +57,18 @@ class Table:
         return len(self.told) - self.level
 
     @classmethod
-    def of(
-        cls, name: str, about: Mapping[str, float], values: np.ndarray, covariance: np.ndarray, smooth: Smoothness
-    ) -> Table:
-        """From a stand-in's parameters, its fitted values (l,), their covariance (l, l) and what was wanted of
-        them before the data."""
-        count, factor = len(values), Factor.of(about)
-        start, step = about["start"], about["step"]
-        plain = Smoothness().precision(name, count)
-        bends, modes = np.linalg.eigh(smooth.bending(count))
-        prior = plain[0, 0] + smooth.weight * np.where(bends > 1e-12 * bends[-1], bends, 0.0)
-        # Of bends that the prior holds far harder nothing is known.
-        sure = prior < SURE / (prior[-1] * np.linalg.norm(covariance, 2) ** 2)
-        modes, prior = modes[:, sure], prior[sure]
-        root = np.sqrt(prior)[:, None] * modes.T
-        whole = root @ covariance @ root.T
-        left, vectors = np.linalg.eigh(0.5 * (whole + whole.T))
-        left = np.clip(left, 1e-14, 1.0 - 1e-14)
-        said = 1.0 / left - 1.0  # the data's precision over the prior's
-        seen = said > SEEN
-        directions = vectors[:, seen].T @ root
-        told = np.sqrt(said[seen]) * (directions @ values) / (1.0 - left[seen])
-        u = np.linspace(*covered(start, step, count), POINTS)
-        laid = np.linalg.pinv(basis(u, start, step, count), rcond=1e-8)
-        return cls(
-            name.removeprefix("stand_in_"),
-            VARIABLES[int(about["variable"])],
-            u,
-            told,
-            np.sqrt(said[seen])[:, None] * directions @ laid * (factor.size if factor else 1.0),
-            name == "stand_in_thrust",
-            factor,
-        )
-
-    @classmethod
-    def of_equations(
-        cls, acts_on: str, variable: str, start: float, step: float, gram: np.ndarray, score: np.ndarray
-    ) -> Table:
-        """From the normal equations (l, l) and (l,) of a table that is not fitted yet."""
+    def of(cls, acts_on: str, about: Mapping[str, float], gram: np.ndarray, score: np.ndarray) -> Table:
+        """From the parameters ``about`` a stand-in and the normal equations (l, l) and (l,) of its table's values, all
+        else projected out."""
+        factor, start, step = Factor.of(about), about["start"], about["step"]
         said, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
-        seen = said > 1e-9 * max(said[-1], 1e-300)
-        directions = np.sqrt(said[seen])[:, None] * vectors[:, seen].T
+        seen = said > SEEN * max(said[-1], 1e-300)
+        root, directions = np.sqrt(said[seen]), vectors[:, seen].T
         u = np.linspace(*covered(start, step, len(gram)), POINTS)
         laid = np.linalg.pinv(basis(u, start, step, len(gram)), rcond=1e-8)
-        told = vectors[:, seen].T @ score / np.sqrt(said[seen])
-        return cls(acts_on, variable, u, told, directions @ laid, acts_on == "thrust")
+        shown = root[:, None] * directions @ laid * (factor.size if factor else 1.0)
+        variable = VARIABLES[int(about["variable"])]
+        return cls(acts_on, variable, u, directions @ score / root, shown, acts_on == "thrust", factor)
 
     def lay(self, columns: np.ndarray) -> np.ndarray:
         """Columns (n, k) of forces as the data see them, (d, k)."""

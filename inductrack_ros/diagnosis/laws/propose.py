@@ -13,10 +13,10 @@ from scipy import stats
 from ...core.model import Model
 from ...estimation import shooting
 from ...estimation.shooting import Fit
-from ...estimation.structure import Smoothness
 from ..errors import step_of
 from ..moves import State, Task
 from ..result import Unknown
+from ..screening import asked_of
 from ..settings import NEAR, REFIT_STEPS, TWINS
 from . import words
 from .code import FILE, Written, module_text
@@ -41,7 +41,7 @@ def propose_laws(task: Task, state: State, unknown: Unknown | None, sigma: np.nd
         return None
     fit, samples = state.fit, task.problem.samples
     occam = dict(state.freedom)[name]
-    table = table_of(fit, name)
+    table = table_of(task, fit, name)
     screened = fitted(table, samples)
     tried = [s for s in screened if s.p_value > HOPELESS and s.cost < screened[0].cost + NEAR][:REFITTED] or screened[
         :1
@@ -80,12 +80,10 @@ are the physics. Edit them as you like, then
 """  # noqa: E501
 
 
-def table_of(fit: Fit, name: str) -> Table:
-    """What a fit says of its stand-in's table."""
-    mine = fit.structure.tables[name]
-    scale, about = fit.structure.scale[mine], fit.structure.model.effects[name]
-    covariance = fit.covariance[np.ix_(mine, mine)] * np.outer(scale, scale)
-    return Table.of(name, about, fit.theta[mine] * scale, covariance, fit.structure.smoothness.get(name, Smoothness()))
+def table_of(task: Task, fit: Fit, name: str) -> Table:
+    """What the data say of a stand-in's table at a fit."""
+    gram, score = asked_of(task.problem, fit, shooting.linearise_all(task.problem, fit), name)
+    return Table.of(name.removeprefix("stand_in_"), fit.structure.model.effects[name], gram, score)
 
 
 def _misfit(fit: Fit) -> float:
