@@ -26,8 +26,9 @@ from inductrack_ros.diagnosis.laws.words import quantity
 from inductrack_ros.diagnosis.moves import State, Task, law_price, with_law
 from inductrack_ros.diagnosis.screening import laws
 from inductrack_ros.diagnosis.settings import TWINS
-from inductrack_ros.diagnosis.smooth import smoothest_of
+from inductrack_ros.diagnosis.smooth import WEIGHTS, _turns, smoothest_of
 from inductrack_ros.estimation.shooting import linearise_all
+from inductrack_ros.estimation.structure import Smoothness
 
 sys.path.insert(0, str(Path(__file__).parent))
 from independent.campaigns import write_campaign
@@ -95,6 +96,24 @@ def gain_of(table, family=140):
     whole = float(table.wanted @ table.wanted)
     gains = {f.form.name: whole - f.misfit - price_of(f, table, family) for f in fitted(table, SAMPLES)}
     return max(gains.items(), key=lambda one: one[1])
+
+
+@pytest.mark.parametrize("swings", [False, True])
+def test_a_table_promises_its_evidence(swings):
+    """Twice the log evidence of Gaussian values, by determinants, at the best of all weights of its roughness."""
+    gram, score, _ = equations_of("surge", (0, 20), 60, lambda u: 3.0 * np.sin(2.0 * u), 25.0, seed=1)
+    table = smoothest_of(gram, score, SAMPLES, swings)
+    unit, turn = np.trace(gram) / len(gram), table.smoothness.turn
+    choice = 2.0 * np.log(len(_turns(len(gram)))) if turn else 0.0
+
+    def evidence(weight):
+        prior = unit / SAMPLES * np.eye(len(gram)) + weight * Smoothness(1.0, turn).bending(len(gram))
+        gained = np.linalg.slogdet(gram + prior)[1] - np.linalg.slogdet(prior)[1]
+        return score @ np.linalg.solve(gram + prior, score) - gained - choice
+
+    assert bool(turn) == swings
+    assert table.promise == pytest.approx(evidence(table.smoothness.weight), abs=1e-6)
+    assert all(evidence(unit * w) < table.promise + 1e-6 for w in WEIGHTS[8:28])
 
 
 def test_a_form_pays_where_its_table_does_not():

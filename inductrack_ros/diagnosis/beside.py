@@ -108,7 +108,8 @@ def _best(found: Scores, one: Candidate, tables: Mapping[str, Table], samples: i
         law = Law(t.acts_on, t.variable, t.start, t.step, table, gain, level.power)
         return Promise(known, law, gain - law_price() - one.price(family))
 
-    return max((at(level, name) for level in found.levels for name in tables), key=lambda p: p.gain)
+    asked = ((level, n) for n, t in tables.items() for level in found.levels if level.suits(pushed_by(t.acts_on)))
+    return max((at(level, name) for level, name in asked), key=lambda p: p.gain)
 
 
 def _refitted(task: Task, state: State, p: Promise, family: int) -> State:

@@ -60,23 +60,24 @@ def _swing(gram: np.ndarray, score: np.ndarray, plain: float, turn: float) -> fl
 
 
 def _weighed(gram: np.ndarray, score: np.ndarray, unit: float, samples: int, turn: float, rates: int) -> Smooth:
-    """The table at the likeliest weight of its departures; ``rates`` is among how many rates ``turn`` was chosen."""
-    bent = Smoothness(1.0, turn).bending(len(gram))
-    bends = np.maximum(np.linalg.eigvalsh(bent), 0.0)
+    """The table at the likeliest weight of its departures; ``rates`` is among how many rates ``turn`` was chosen.
+
+    With the prior precision ``plain`` + a weight times ``bent``, all weights share the modes in which the data and
+    ``plain`` together are one and ``bent`` is diagonal."""
     plain, chosen = unit / samples, 2.0 * float(np.log(rates))
-    tried = (_with_weight(gram, score, plain, Smoothness(unit * w, turn), bent, bends, chosen) for w in WEIGHTS)
-    return max(tried, key=lambda s: s.promise)
-
-
-def _with_weight(gram, score, plain: float, wanted: Smoothness, bent, bends, chosen: float) -> Smooth:
-    """With the prior precision ``plain`` + the weight times ``bent``, whose eigenvalues ``bends`` are; ``chosen`` is
-    what the choice of the rate costs."""
-    prior = plain * np.eye(len(gram)) + wanted.weight * bent
+    bent = Smoothness(1.0, turn).bending(len(gram))
+    known = gram + plain * np.eye(len(gram))
     try:
-        factor = linalg.cho_factor(gram + prior)
+        stiff, modes = linalg.eigh(bent, known)
+        size = 2.0 * np.log(np.diag(linalg.cholesky(known))).sum()
     except (linalg.LinAlgError, ValueError):  # responses beyond all bounds: nothing can be had from them
-        return Smooth(np.zeros(len(gram)), wanted, -np.inf, np.inf)
-    values = linalg.cho_solve(factor, score)
-    told = 2 * np.log(np.diag(factor[0])).sum() - np.log(plain + wanted.weight * bends).sum()
-    bought = max(float(values @ prior @ values), 0.0) + max(float(told), 0.0)
-    return Smooth(values, wanted, float(values @ score - told) - chosen, bought + chosen)
+        return Smooth(np.zeros(len(gram)), Smoothness(), -np.inf, np.inf)
+    weights, shown = unit * WEIGHTS[:, None], modes.T @ score
+    left = 1.0 + weights * np.maximum(stiff, 0.0)
+    bends = np.maximum(np.linalg.eigvalsh(bent), 0.0)
+    told = size + np.log(left).sum(axis=1) - np.log(plain + weights * bends).sum(axis=1)
+    promise = (shown**2 / left).sum(axis=1) - told - chosen
+    best = int(np.argmax(promise))
+    wanted, values = Smoothness(float(weights[best, 0]), turn), modes @ (shown / left[best])
+    bought = plain * values @ values + wanted.weight * values @ bent @ values
+    return Smooth(values, wanted, float(promise[best]), max(float(bought), 0.0) + max(float(told[best]), 0.0) + chosen)

@@ -53,6 +53,12 @@ class Level:
     gram: np.ndarray
     log_determinant: float
 
+    def suits(self, coordinate: str) -> bool:
+        """Whether it is one for what is missing in a coordinate: not another's power alone is less than fitted."""
+        others = np.array(COORDINATES) != coordinate
+        less = self.power < self.background.power
+        return bool(less[others].all() or not less[others].any())
+
 
 @dataclass(frozen=True)
 class Expected:
