@@ -181,13 +181,24 @@ def best_kept(task: Task, state: State, screening: Screening) -> State:
     plain, family = screening.scores.plain, screening.family
     batch, kept, done, reach = promising(screening, plain), [], [], -np.inf
     while batch and len(done) < MOST_REFITTED:
-        tried = all_refitted(task, state, batch, family)
-        cheapest = min(range(len(tried)), key=lambda k: tried[k].cost(task))
-        kept, done = [*kept, settled(task, tried[cheapest])], [*done, *batch]
-        promised = batch[cheapest].deviance
+        cheapest, tried = min(_smallest_first(task, state, batch, family), key=lambda one: one[1].cost(task))
+        kept, done = [*kept, settled(task, tried)], [*done, *batch]
+        promised = cheapest.deviance
         reach = max(reach, promised + abs(kept[-1].fit.deviance - promised))
         batch = [s for s in screening.singles if s.deviance < min(reach, plain) and s not in done][:REFITTED]
     return min(kept, key=lambda s: s.cost(task))
+
+
+def _smallest_first(
+    task: Task, state: State, batch: Sequence[CandidateSet], family: int
+) -> list[tuple[CandidateSet, State]]:
+    """Sets of known effects with their refits, but for those that promise less than a smaller one keeps."""
+    found: list[tuple[CandidateSet, State]] = []
+    for size in sorted({len(s.members) for s in batch}):
+        least = min((refit.cost(task) for _, refit in found), default=np.inf)
+        mine = [s for s in batch if len(s.members) == size and s.cost + state.price < least]
+        found += zip(mine, all_refitted(task, state, mine, family), strict=True)
+    return found
 
 
 def best_force(task: Task, state: State, tables: Sequence[Law]) -> State:
