@@ -9,10 +9,12 @@
 Everything is decided, and refused where it cannot be, before the first process starts: see
 `inductrack_ros.nodes.launching`."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.events.process import ProcessExited
 from launch.logging import get_logger, launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -73,9 +75,20 @@ def _node(one: Started, namespace: str, given: dict[str, str]) -> Node:
         parameters=[*([given["params_file"]] if one.reads_file else []), *([parameters] if parameters else [])],
         arguments=list(one.arguments), ros_arguments=["--log-level", given["log_level"]],
         prefix=[LaunchConfiguration("launch-prefix", default=""), f" {HELD_BACK} {NO_ORPHAN}"],
-        on_exit=[Shutdown(reason=f"{one.executable} has ended")] if one.needed else None,
+        on_exit=_after(one.executable) if one.needed else None,
         **({"sigterm_timeout": JOINING} if one.executable == "record" else {}),
     )  # fmt: skip
+
+
+def _after(executable: str) -> Callable[[ProcessExited, LaunchContext], list[Shutdown]]:
+    """What follows the end of a process that is needed: that of the launch, with status 1 where the process failed."""
+
+    def ended(event: ProcessExited, _: LaunchContext) -> list[Shutdown]:
+        if event.returncode:
+            raise RuntimeError(f"{executable} was required and has ended with status {event.returncode}")
+        return [Shutdown(reason=f"{executable} has ended")]
+
+    return ended
 
 
 def _rviz(share: Path, namespace: str, given: dict[str, str]) -> Node:

@@ -194,13 +194,20 @@ def test_what_is_wrong_is_said_before_anything_starts(launched, arguments, said)
     assert said in launch.output and not processes(launch)
 
 
+def test_a_node_that_refuses_its_parameters_fails_the_launch(launched):
+    """A script that starts the launch looks at its status. It was 0."""
+    launch = launched("drive:=pulses initial_state:=surge_rat=17")
+    assert launch.wait() == 1 and gone(processes(launch).values())
+    assert "did you mean 'surge_rate'" in launch.output and "sim was required and has ended" in launch.output
+
+
 @pytest.mark.parametrize("dies", ["sim", "record"])
 def test_a_rig_without_one_of_its_parts_ends(ros, launched, dies):
     launch = launched("drive:=pulses bag:=run")
     launch.wait_for("recording into")
     wait_until(lambda: len(processes(launch)) == 3, "three processes")
     os.kill(processes(launch)[dies], signal.SIGKILL)
-    launch.wait()
+    assert launch.wait() == 1
     assert gone(processes(launch).values()) and "was required" in launch.output
 
 
