@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from conftest import BIN, wait_until
+from conftest import BIN, newest_in, wait_until
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.data.bags import read_bag
@@ -166,12 +166,13 @@ def gone(pids) -> bool:
 
 
 def test_a_bag_holds_the_run_from_its_first_message(ros, launched, pulses_file):
-    launch = launched(f"params_file:={pulses_file} namespace:=/rig bag:=run")
-    ros.wait(lambda: list((ros.folder / "run").glob("*.mcap")), "something in the bag")
+    launch = launched(f"params_file:={pulses_file} namespace:=/rig bag:=run lockstep:=true")
+    folder = ros.folder / "run"
+    ros.wait(lambda: list(folder.glob("*.mcap")) and "/rig/fired_pulses" in newest_in(folder), "a pulse in the bag")
     assert processes(launch).keys() == {"track_controller", "record", "sim"}
     assert launch.stop() == 0 and gone(processes(launch).values())
     assert launch.output.count("process has finished cleanly") == 3, launch.output
-    run = read_bag(ros.folder / "run", {"pose": "/rig/pose", "twist": "/rig/twist", "pulses": "/rig/fired_pulses"})
+    run = read_bag(folder, {"pose": "/rig/pose", "twist": "/rig/twist", "pulses": "/rig/fired_pulses"})
     first = dict(zip(run.channels, run.values[0], strict=True))
     assert first["surge"] == 0.0 and first["surge_rate"] == 20.0
 
