@@ -23,6 +23,8 @@ from .forms import Form, Range, forms_on
 SEEN = 1e-9
 #: Points at which forms are laid on a table; starts that are polished; most combinations of starts.
 POINTS, POLISHED, MOST_STARTS = 240, 3, 600
+#: A column as short as this has no size.
+NOTHING = 1e-100
 #: Two forms with columns as parallel as this are one over the range of the data.
 SAME = 1e-9
 #: A form is turned down where its misfit to the data is one that chance reaches in this part of cases.
@@ -208,8 +210,9 @@ def _starts(table: Table, form: Form) -> list[tuple[np.ndarray, float]]:
 
 
 def _solved(columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Sizes (t,) by least squares of columns (d, t) of any scale."""
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    """Sizes (t,) by least squares of columns (d, t) of any scale; 0 of one that vanishes."""
+    length = np.linalg.norm(columns, axis=0)
+    scale = np.where(length > NOTHING, length, 1.0)
     return np.linalg.lstsq(columns / scale, wanted, rcond=1e-10)[0] / scale
 
 
