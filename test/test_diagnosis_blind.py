@@ -135,6 +135,13 @@ def test_a_force_that_does_not_pay_at_first(seed):
 
 
 @pytest.mark.nightly
+def test_a_force_of_two_variables_that_three_effects_imitate():
+    """Beside them more would pay. Beside the force, none of them is needed."""
+    row = run(42009, "law")
+    assert row["right"] and row["found"] == [], row
+
+
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "seed",
     [

@@ -54,7 +54,10 @@ def search(task: Task, state: State) -> State:
     and rig do besides was looked for before (`add_background`)."""
     start, revised = state, list[set[str]]()
     while True:
-        state = _through(task, state, ADDING)
+        known = _through(task, state, ADDING[:1])
+        state = _through(task, known, ADDING[1:])
+        if known.far and state.fit is not known.fit:  # how much is missing beside that is asked anew
+            state = _through(task, replace(state, far=False), ADDING)
         if state.odd:
             return state
         if state.far and not state.stopped and (led := _led(task, start, state)) is not state:
