@@ -135,6 +135,13 @@ def test_a_force_that_does_not_pay_at_first(seed):
 
 
 @pytest.mark.nightly
+def test_a_saturated_sensor_beside_contact_is_not_scaled():
+    """A scale leaves noise as well. The look at the data saw the end of the range, so that is asked too."""
+    row = run(35050, "dirty_complete")
+    assert row["right"], row
+
+
+@pytest.mark.nightly
 def test_a_force_of_two_variables_that_three_effects_imitate():
     """Beside them more would pay. Beside the force, none of them is needed."""
     row = run(42009, "law")

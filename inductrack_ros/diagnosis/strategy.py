@@ -157,10 +157,12 @@ def add_known(task: Task, state: State) -> State:
         if (other := exchange(task, state)).added != state.added:  # a wrong one among them may be what leaves more
             return other
         return replace(state.told(f"more would pay, but {MOST_EFFECTS} effects are the most that are sought"), far=True)
-    if pays and (exact := exact_ones(task, state, closest(screening), screening.family)):
+    seen = seen_before(task, screening)
+    near = closest(screening) if pays else []
+    if pays and (exact := exact_ones(task, state, [*near, *(s for s in seen if s not in near)], screening.family)):
         return add_background(task, exact[0])  # what is read during a contact counts too: no cost compares with these
     tried = [best_kept(task, state, screening)] if pays else []
-    tried += [settled(task, t) for t in all_refitted(task, state, seen_before(task, screening), screening.family)]
+    tried += [settled(task, t) for t in all_refitted(task, state, seen, screening.family)]
     tables = laws(task.problem, state.fit, systems, lacking) if lacking and not state.stands_in else []
     if tables and tables[0].gain > law_price():
         least = min((s.cost(task) for s in tried), default=screening.scores.plain)
