@@ -17,7 +17,8 @@ from ..data.campaign import Campaign
 from ..data.thinning import thinned
 from ..estimation import noise, shooting
 from ..estimation.problem import GRID, Problem
-from ..estimation.shooting import Fit
+from ..estimation.scores import scores
+from ..estimation.shooting import Fit, linearise_all
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import answer, background, errors, support
@@ -193,7 +194,7 @@ def base_fit(campaign: Campaign, model: Model, seen: Sequence[Finding] = ()) -> 
             f"{campaign.folder}: the model cannot follow the runs at all; look at the units, the model and"
             " drive_current"
         )
-    undetermined = _undetermined(base)
+    undetermined = _undetermined(problem, base)
     if undetermined:
         kept = [k for k, n in enumerate(structure.free) if n not in undetermined]
         structure = Structure(problem.model, tuple(structure.free[k] for k in kept))
@@ -215,8 +216,11 @@ def _noise(campaign: Campaign, seen: Sequence[Finding]) -> Mapping[str, float]:
     return guess
 
 
-def _undetermined(base: Fit) -> tuple[str, ...]:
-    """Free parameters that the data say nothing about: their deviation is that of the prior."""
+def _undetermined(problem: Problem, base: Fit) -> tuple[str, ...]:
+    """Free parameters that the data would say nothing about even if nothing shook the plant: their deviation is that of
+    the prior. What a model lacks shakes the plant at first, and would hide a parameter that is well known beside it."""
+    still = scores(problem, base, {}, linearise_all(problem, base), shares=(0.0,)).levels[0]
+    known = still.gram[1:, 1:] + base.structure.precision
     prior = 1.0 / np.sqrt(np.diag(base.structure.precision))
-    deviation = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
+    deviation = np.sqrt(np.maximum(np.diag(np.linalg.pinv(known, rcond=1e-14, hermitian=True)), 0.0))
     return tuple(n for n, d, p in zip(base.structure.free, deviation, prior, strict=True) if d > UNDETERMINED * p)
