@@ -154,6 +154,7 @@ def test_a_force_of_two_variables_that_three_effects_imitate():
     [
         pytest.param(34043, id="it rests on the track, with accelerometers: a lift is no force in heave"),
         pytest.param(34046, id="a patch of moment beside a drag is no shaking"),
+        pytest.param(34077, id="a slope hides gamma at first: it is no force on the drive"),
         pytest.param(34051, id="a ripple of the thrust beside a drag is no force in surge"),
     ],
 )
