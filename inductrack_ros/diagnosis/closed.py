@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from scipy import stats
 
 from ..core.effects.stand_in import parameters
@@ -55,27 +54,18 @@ def add_closed(task: Task, state: State) -> State:
 def promises(task: Task, f: Fit, systems: Sequence[LinearRun], lacking: Sequence[str]) -> list[Promise]:
     """What closed forms promise on all that a force may depend on and act on; of each pair of these the best first."""
     samples = task.problem.samples
-    every = equations(task.problem, f, systems, lacking)
-    asked = _likeliest([e for e in every if pushed_by(e.acts_on) in lacking], samples)
+    asked = [e for e in equations(task.problem, f, systems, lacking) if pushed_by(e.acts_on) in lacking]
     tables = [Table.of(e.acts_on, parameters(e.variable, e.start, e.step), e.gram, e.score) for e in asked]
     found = [fitted(table, samples) for table in tables]
-    family = sum(map(len, found))
-    best = []
+    family = len({(t.acts_on, t.variable, o.form.name) for t, fits in zip(tables, found, strict=True) for o in fits})
+    best: dict[tuple[str, str], Promise] = {}
     for e, table, fits in zip(asked, tables, found, strict=True):
-        whole, prices = float(table.wanted @ table.wanted) - e.rise, [price_of(one, table, family) for one in fits]
-        promised = (Promise(e, o, table.range, p, whole - o.misfit - p) for o, p in zip(fits, prices, strict=True))
-        best.append(max(promised, key=lambda p: p.gain))
-    return sorted(best, key=lambda p: -p.gain)
-
-
-def _likeliest(every: Sequence[Equations], samples: int) -> list[Equations]:
-    """Of the equations of one force on one variable those at whose power a table promises most."""
-    found: dict[tuple[str, str], tuple[float, Equations]] = {}
-    for e in every:
-        gain = smoothest_of(e.gram, e.score, samples, e.variable in ALONG).promise - e.rise
-        if gain > found.get((e.acts_on, e.variable), (-np.inf, e))[0]:
-            found[e.acts_on, e.variable] = gain, e
-    return [e for _, e in found.values()]
+        whole = float(table.wanted @ table.wanted) - e.rise
+        for one in fits:
+            price = price_of(one, table, family)
+            p = Promise(e, one, table.range, price, whole - one.misfit - price)
+            best[e.acts_on, e.variable] = max(best.get((e.acts_on, e.variable), p), p, key=lambda x: x.gain)
+    return sorted(best.values(), key=lambda p: -p.gain)
 
 
 def price_of(one: Fitted, table: Table, family: int) -> float:
