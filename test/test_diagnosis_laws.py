@@ -94,7 +94,7 @@ def equations_of(variable, covered, intervals, force, noise, seed):
 def gain_of(table, family=140):
     """The form that gains most beyond what chance would, and how much."""
     whole = float(table.wanted @ table.wanted)
-    gains = {f.form.name: whole - f.misfit - price_of(f, table, family) for f in fitted(table, SAMPLES)}
+    gains = {f.form.name: whole - f.misfit - price_of(f.form, table, family) for f in fitted(table, SAMPLES)}
     return max(gains.items(), key=lambda one: one[1])
 
 

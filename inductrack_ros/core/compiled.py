@@ -45,19 +45,21 @@ def load(
     flags: Sequence[str] = (),
     announce: Callable[[str], None] | None = None,
     channels: Mapping[str, Channel] = types.MappingProxyType({}),
+    inlined: bool = False,
 ) -> types.ModuleType:
     """The module of ``text``, in which item i's compiled functions stand by `function_name`, and those of ``channels``
     by `channel_function`; one for each text and functions.
 
     ``warm_up`` calls what is to be compiled now; ``flags`` are arguments that are true or false; ``announce`` is told
-    where compiling will take its time. Raises `InputError` for an effect or a channel that numba cannot compile.
+    where compiling will take its time. Effects that are ``inlined`` are compiled into what calls them. Raises
+    `InputError` for an effect or a channel that numba cannot compile.
     """
     key = _key(text, items, channels)
     if key in _modules:
         return _modules[key]
     folder = cache_folder() / key
     _write(text, folder)
-    module = _fill(f"inductrack_kernel_{key}", folder / _MODULE, items, channels)
+    module = _fill(f"inductrack_kernel_{key}", folder / _MODULE, items, channels, inlined)
     kept = any(folder.glob("__pycache__/*.nbc"))
     if not kept:
         _check_each(module, items, channels, flags)
@@ -75,7 +77,7 @@ def load(
                 raise _not_kept(folder.parent, error) from None
             raise
         shutil.rmtree(folder, ignore_errors=True)  # what was kept is damaged
-        return load(text, items, warm_up, flags, announce, channels)
+        return load(text, items, warm_up, flags, announce, channels, inlined)
     _modules[key] = module
     return module
 
@@ -106,7 +108,9 @@ def _write(text: str, folder: Path) -> None:
     prune(folder.parent)
 
 
-def _fill(name: str, path: Path, items: Sequence[Effect], channels: Mapping[str, Channel]) -> types.ModuleType:
+def _fill(
+    name: str, path: Path, items: Sequence[Effect], channels: Mapping[str, Channel], inlined: bool
+) -> types.ModuleType:
     """The module in ``path``, with the functions of effects and channels under the names that it calls."""
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec and spec.loader  # a path that ends in .py has both
@@ -114,7 +118,7 @@ def _fill(name: str, path: Path, items: Sequence[Effect], channels: Mapping[str,
     done: dict[int, Callable] = {}
     for i, item in enumerate(items):
         for number, part in enumerate(item.parts):
-            setattr(module, function_name(i, number), _jit(part.function, name, done))
+            setattr(module, function_name(i, number), _jit(part.function, name, done, inlined))
     for channel, item in channels.items():
         if item.function:
             setattr(module, channel_function(channel), _jit(item.function, name, done))
@@ -149,7 +153,7 @@ def _plain(value: Any) -> Any:
     return getattr(value, "py_func", value)
 
 
-def _jit(function: Callable, home: str, done: dict[int, Callable]) -> Callable:
+def _jit(function: Callable, home: str, done: dict[int, Callable], inlined: bool = False) -> Callable:
     """``function`` for numba, together with the plain Python functions it calls.
 
     What comes back belongs to the module named ``home``: compiled code is loaded by its module's name, and that of a
@@ -158,6 +162,7 @@ def _jit(function: Callable, home: str, done: dict[int, Callable]) -> Callable:
     if id(function) in done:
         return done[id(function)]
     options = {"nopython": True, "nogil": True, "error_model": "numpy"} | getattr(function, "targetoptions", {})
+    options |= {"forceinline": True} if inlined else {}
     plain = _plain(function)
     names = plain.__globals__ | {"__name__": home}
     cells = [types.CellType(c.cell_contents) for c in plain.__closure__ or ()]
@@ -165,7 +170,7 @@ def _jit(function: Callable, home: str, done: dict[int, Callable]) -> Callable:
     done[id(function)] = compiled = numba.jit(**options)(copy)
 
     def helper(value: Any) -> Any:
-        return _jit(value, home, done) if isinstance(_plain(value), types.FunctionType) else value
+        return _jit(value, home, done, inlined) if isinstance(_plain(value), types.FunctionType) else value
 
     for name in _names_in(plain.__code__) & set(names):
         names[name] = helper(names[name])

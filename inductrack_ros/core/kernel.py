@@ -2,30 +2,29 @@
 """From equations and effects to machine code.
 
 One Python module is written for each set of effects. It holds the statements of `equations`, with a call of each
-effect behind the statement that computes what the effect changes, and the text of `integrator`. Then follow the
-statements alone and the text of `lanes`. A model with single coils has a kernel of its own, with the texts of `coils`
-at the end. numba compiles the module once. The result is kept on disk under a hash of all its sources, so a changed
-effect makes a new module.
+effect behind the statement that computes what the effect changes, and the text of `integrator`. A model with single
+coils has a kernel of its own, with the texts of `coils` at the end. numba compiles the module once. The result is kept
+on disk under a hash of all its sources, so a changed effect makes a new module. Runs side by side have a module of
+their own, see `lane_kernel`.
 """
 
 from __future__ import annotations
 
-import ast
 import inspect
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
 
 import numpy as np
 
-from . import compiled, equations, integrator, lanes
+from . import compiled, equations, integrator
 from .coils import circuits, flight
 from .coils.seam import AVERAGED_ONLY, SEAM, TAKEN
-from .compiled import channel_function, function_name, mark, place_of
-from .effects import FORCES, Effect, Part
+from .compiled import channel_function, mark, place_of
+from .effects import FORCES, Effect
 from .errors import InputError, did_you_mean
 from .parameters import PARAMETERS
+from .right_hand_side import MOMENT, QUANTITY_NAMES, Calls, calls_of, pieces, rates, used_by
 from .state import CHANNEL, FURTHER, MOTION, STATES
 
 #: Quantities of the equations that `evaluate` hands out besides the derivative; the first six serve the integrator.
@@ -45,7 +44,6 @@ FREE_STEP, CONTACT_STEP = 0.14, 0.4
 COIL_FUNCTIONS = ("simulate_coils", "forces_now", "follow_coils")
 
 _FLAGS = ("averaged", "touching_top", "touching_right", "touching_left")
-_MOMENT = ("time", "travel", "pulse_current", "averaged", "touching_top", "touching_right", "touching_left")
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class Kernel:
     ``parameters`` names the entries of the parameter vector P, ``states`` those of the state vector, ``effects`` the
     entries of the switch vector ``on``. Where ``dx`` has room behind the rates, `evaluate` writes there where the
     effects' states start. ``simulate_batch``, ``simulate_pieces``, ``linearise_pieces``, ``forced_pieces`` and
-    ``evaluate`` are `integrator`'s, ``fly`` is `lanes`'s; the pieces and ``fly`` are compiled on their first call.
+    ``evaluate`` are `integrator`'s; the pieces are compiled on their first call.
     ``coils`` are the functions of a track of single coils, where it was built for one: `coils.flight.simulate_coils`
     and `forces_now`, `coils.circuits.follow_coils`, by name."""
 
@@ -67,109 +65,12 @@ class Kernel:
     linearise_pieces: Callable
     forced_pieces: Callable
     evaluate: Callable
-    fly: Callable
     source: str
     coils: Mapping[str, Callable] = field(default_factory=dict)
 
 
-def _assigned(statement: ast.stmt) -> set[str]:
-    return {n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
-
-
-@dataclass(frozen=True)
-class _Call:
-    """One function of effect ``index``: ``late`` where it is called when all forces are known."""
-
-    index: int
-    item: Effect
-    number: int
-    late: bool
-
-    @property
-    def part(self) -> Part:
-        return self.item.parts[self.number]
-
-    @property
-    def last(self) -> bool:
-        """Whether it returns the rates of the effect's states."""
-        return self.number == len(self.item.parts) - 1
-
-    @property
-    def results(self) -> list[str]:
-        """Names of what it returns, but for rates."""
-        return [f"r{self.index}_{self.number}_{k}" for k in range(len(self.part.targets))]
-
-    def lines(self, known: set[str], column: dict[str, int]) -> list[str]:
-        """The call, its changes and, when it is late, what it adds. Raises `InputError` for what it asks for in
-        vain."""
-        rates = [f"dx[{column[f'{self.item.name}.{s}']}]" for s in self.item.states] if self.last else []
-        lines = [
-            f"{', '.join(self.results + rates)} ="
-            f" {function_name(self.index, self.number)}({', '.join(self._arguments(known, column))})"
-        ]
-        adds = len(self.part.adds)
-        lines += [f"{target} = {result}" for target, result in zip(self.part.changes, self.results[adds:], strict=True)]
-        return [f"if on[{self.index}]:", *(f"    {line}" for line in lines + (self.additions() if self.late else []))]
-
-    def additions(self) -> list[str]:
-        """The lines that add what was returned."""
-        return [f"{target} += {result}" for target, result in zip(self.part.adds, self.results, strict=False)]
-
-    def _arguments(self, known: set[str], column: dict[str, int]) -> list[str]:
-        item, found = self.item, []
-        for name in self.part.arguments:
-            if name in item.parameters:
-                first, count = column[f"{item.name}.{name}"], item.parameters[name].count
-                found.append(f"P[{first}]" if count == 1 else f"P[{first}:{first + count}]")
-            elif name in item.states:
-                found.append(f"x[{column[f'{item.name}.{name}']}]")
-            elif name in item.conditions:
-                found.append(f"P[{column[name]}]")
-            elif name in known:
-                found.append(name)
-            else:
-                late = name in _QUANTITY_NAMES
-                decided = (self.part.changes or self.part.adds)[0]
-                remedy = (
-                    f"; it is not known yet where {decided} is decided" if late else did_you_mean(name, sorted(known))
-                )
-                raise InputError(f"{place_of(item)} asks for '{name}', which is not there{remedy}")
-        return found
-
-
-def _calls(effects: list[Effect]) -> list[_Call]:
-    """Every function of the effects. Raises `InputError` for one that acts on what is not there, or on what has been
-    decided by then."""
-    calls = []
-    for index, item in enumerate(effects):
-        for number, part in enumerate(item.parts):
-            for target in part.targets:
-                if target not in _QUANTITY_NAMES | set(PARAMETERS):
-                    raise InputError(
-                        f"{place_of(item)} changes '{target}', which is not"
-                        f" there{did_you_mean(target, _QUANTITY_NAMES | set(PARAMETERS))}"
-                    )
-            early = [t for t in part.changes if t not in FORCES]
-            if early and number:
-                raise InputError(
-                    f"{place_of(item)} changes '{early[0]}' in its second function, when all forces are known; there it"
-                    f" may act on {', '.join(FORCES)}"
-                )
-            if early and len(early) < len(part.changes):
-                raise InputError(
-                    f"{place_of(item)} changes '{early[0]}' and a force; change the force in a second function,"
-                    " then=Part(…)"
-                )
-            calls.append(_Call(index, item, number, not early))
-    return calls
-
-
-_EQUATIONS = ast.parse(inspect.getsource(equations.equations)).body[0]
-assert isinstance(_EQUATIONS, ast.FunctionDef)
-_BODY = _EQUATIONS.body[1:-1]  # without docstring and return
-_QUANTITY_NAMES = set().union(*map(_assigned, _BODY))
 #: What a state may start on besides a number.
-STARTS = sorted({"zero", "time", "travel", *STATES, *PARAMETERS, *_QUANTITY_NAMES})
+STARTS = sorted({"zero", "time", "travel", *STATES, *PARAMETERS, *QUANTITY_NAMES})
 
 
 def started_on(effects: Iterable[Effect]) -> list[str | float]:
@@ -179,42 +80,21 @@ def started_on(effects: Iterable[Effect]) -> list[str | float]:
 
 def _derivative(effects: list[Effect], column: dict[str, int], started_on: Sequence[str | float] = ()) -> str:
     """Text of the right-hand side with the effects' calls in it."""
-    calls = _calls(effects)
-    used = {"mass", "roll_inertia"} | {n.id for s in _BODY for n in ast.walk(s) if isinstance(n, ast.Name)}
-    used |= {a for c in calls for a in (*c.part.arguments, *c.part.targets)} | set(started_on)
-    used |= {a for name in FURTHER for a in CHANNEL[name].arguments}
+    calls = calls_of(effects)
+    used = used_by(calls) | set(started_on) | {a for name in FURTHER for a in CHANNEL[name].arguments}
     lines = [f"dx[{i}] = 0.0" for i in range(8, 8 + len(started_on))]
     lines += [f"{r} = 0.0" for c in calls if not c.late for r in c.results[: len(c.part.adds)]]
-    lines += [f"{name} = touching[{i}]" for i, name in enumerate(_MOMENT[4:])]
+    lines += [f"{name} = touching[{i}]" for i, name in enumerate(MOMENT[4:])]
     lines += [f"{name} = P[{column[name]}]" for name in PARAMETERS if name in used]
     lines += [f"{name} = x[{i}]" for i, name in enumerate(STATES)]
     lines += ["travel = surge - origin"]
     groups = _Groups(len(effects))
-    known = {*STATES, *PARAMETERS, *_MOMENT}
-    remaining = [_assigned(s) for s in _BODY]
-    waiting = [c for c in calls if not c.late]
-    for position in range(-1, len(_BODY)):  # −1: a parameter may be changed before the first equation
-        if position >= 0:
-            lines += ast.unparse(_BODY[position]).splitlines()
-            known |= remaining[position]
-        later = set().union(*remaining[position + 1 :])
-        due = [c for c in waiting if not later & set(c.part.changes) and known >= set(c.part.changes)]
-        waiting = [c for c in waiting if c not in due]
-        lines += groups.ask([(c.index, c.lines(known, column)) for c in due])
-    # All is added before the sum is changed.
-    late = sorted((c for c in calls if c.late), key=lambda c: (bool(c.part.changes), c.number))
-    added = [
-        (c.index, [f"if on[{c.index}]:", *(f"    {line}" for line in c.additions())])
-        for c in calls
-        if not c.late and c.part.adds
-    ]
-    lines += groups.ask(added + [(c.index, c.lines(known, column)) for c in late])
-    lines += [f"dx[{i}] = x[{4 + i}] * moving[{i}]" for i in range(4)]
-    lines[-4] = "dx[0] = x[4]"  # a held speed still travels
-    for i, force in enumerate(FORCES):
-        lines.append(f"dx[{4 + i}] = {force} / {'mass' if i < 3 else 'roll_inertia'} * moving[{i}]")
+    for piece in pieces(calls, column):
+        lines += [line for line in piece if isinstance(line, str)]
+        lines += groups.ask([call for call in piece if not isinstance(call, str)])
+    lines += rates()
     lines += [f"q[{i}] = {name}" for i, name in enumerate(QUANTITIES[:6])]
-    lines += ["if detail:", *(f"    {line}" for line in _further(known, SEAM in effects))]
+    lines += ["if detail:", *(f"    {line}" for line in _further(SEAM in effects))]
     lines += [f"    q[{i}] = {name}" for i, name in enumerate(QUANTITIES) if i >= 6]
     if started_on:  # where dx has room for it, behind the rates: where the effects' states start
         lines += ["    if dx.size > N_STATES:"] + [
@@ -224,10 +104,10 @@ def _derivative(effects: list[Effect], column: dict[str, int], started_on: Seque
     return "\n".join([groups.table(), "", head, *(f"    {line}" for line in lines)])
 
 
-def _further(known: set[str], single_coils: bool) -> list[str]:
+def _further(single_coils: bool) -> list[str]:
     """The lines that compute what the channels beside the motion see. Raises `InputError` for one that asks for what is
     not there."""
-    lines = []
+    lines, known = [], {*STATES, *PARAMETERS, *MOMENT, *QUANTITY_NAMES}
     for name in FURTHER:
         item = CHANNEL[name]
         if name in known:
@@ -249,7 +129,7 @@ class _Groups:
     def __init__(self, effects: int) -> None:
         self._bits, self._asked = [0] * effects, 0
 
-    def ask(self, calls: Sequence[tuple[int, list[str]]]) -> list[str]:
+    def ask(self, calls: Calls) -> list[str]:
         """The lines of these effects' calls behind a question whether any of them is on."""
         if not calls:
             return []
@@ -257,7 +137,8 @@ class _Groups:
         self._asked += 1
         for index, _ in calls:
             self._bits[index] |= bit
-        return [f"if groups & {bit}:", *(f"    {line}" for _, lines in calls for line in lines)]
+        asked = [(f"if on[{index}]:", *(f"    {line}" for line in lines)) for index, lines in calls]
+        return [f"if groups & {bit}:", *(f"    {line}" for lines in asked for line in lines)]
 
     def table(self) -> str:
         """The groups of each effect, a bit each."""
@@ -265,16 +146,6 @@ class _Groups:
 
 
 def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -> str:
-    constants = {name.upper(): column[name] for name in PARAMETERS}
-    constants |= {
-        "N_STATES": n_states,
-        "PADDED": (n_states + 3) // 4 * 4,
-        "N_QUANTITIES": len(QUANTITIES),
-        "MOTION": len(MOTION),
-        "FURTHER": len(_NAMED),  # where in q what further channels see begins
-        "FREE_STEP": FREE_STEP,
-        "CONTACT_STEP": CONTACT_STEP,
-    }
     jitted = [
         "pulse_sum",
         "current",
@@ -296,7 +167,24 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
     text = mark(
         text, "cache=True", "simulate_batch", "simulate_pieces", "linearise_pieces", "forced_pieces", "evaluate"
     )
-    head = [
+    derivative = _derivative(effects, column, started_on(effects))
+    derivative = mark("\n" + derivative, "_nrt=False, forceinline=True", "derivative")
+    return "\n".join([*heading(effects, column, n_states), derivative, "", "", text])
+
+
+def heading(effects: Sequence[Effect], column: Mapping[str, int], n_states: int) -> list[str]:
+    """The first lines of a module: what it imports, and its constants."""
+    constants = {name.upper(): column[name] for name in PARAMETERS}
+    constants |= {
+        "N_STATES": n_states,
+        "PADDED": (n_states + 3) // 4 * 4,
+        "N_QUANTITIES": len(QUANTITIES),
+        "MOTION": len(MOTION),
+        "FURTHER": len(_NAMED),  # where in q what further channels see begins
+        "FREE_STEP": FREE_STEP,
+        "CONTACT_STEP": CONTACT_STEP,
+    }
+    return [
         "from math import cos, exp, nan, pi, sin, sqrt",
         "import numpy as np",
         "from numba import njit",
@@ -307,43 +195,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
             " dtype=np.int64)"
         ),
         *(f"{name} = {value!r}" for name, value in constants.items()),
-        mark("\n" + _derivative(effects, column, started_on(effects)), "_nrt=False, forceinline=True", "derivative"),
-        "",
-        "",
-        text,
-        "",
-        _lanes_text(),
     ]
-    return "\n".join(head)
-
-
-def _lanes_text() -> str:
-    """Text of `lanes` behind the right-hand side without effects, its numbers those of one lane."""
-    column = {n: i for i, n in enumerate(PARAMETERS)}
-    places, end = {}, 0
-    for name, count in {"P": len(column), "STAGE": 8, "SLOPE": 8, "GAPS": len(QUANTITIES), **lanes.ROWS}.items():
-        places[name], end = end, end + count * lanes.LANES
-    first = {"P": 0, "x": places["STAGE"], "dx": places["SLOPE"], "q": places["GAPS"]}
-    body = _derivative([], column).partition("):\n")[2]
-    body = re.sub(r"\b(P|x|dx|q)\[(\d+)\]", lambda m: f"work[{first[m[1]] + int(m[2]) * lanes.LANES} + lane]", body)
-    body = re.sub(r"\b(exp|sin|cos)\(", r"lane_\1(", body)
-    lines = [
-        "def slopes(work, moving):",
-        "    moving = (moving[0], moving[1], moving[2], moving[3])  # four numbers: an array might overlap with `work`",
-        "    time = origin = pulse_current = 0.0; averaged = True; detail = False; touching = (False, False, False)",
-        # no call in it but of what is inlined: a loop of calls is unrolled before that.
-        "    for lane in range(LANES):",
-        *(f"    {line}" for line in body.splitlines()),
-        "",
-        "",
-        inspect.getsource(lanes),
-    ]
-    text = mark(
-        "\n".join(["", *lines]), "_nrt=False, forceinline=True", "lane_exp", "lane_sine", "lane_sin", "lane_cos"
-    )
-    text = mark(text, "_nrt=False", "slopes", "lane_steps", "leaves")
-    constants = [f"{name} = {place}" for name, place in (*places.items(), ("WORK", end)) if name != "P"]
-    return "\n".join([*constants, mark(text, "cache=True", "fly")])
 
 
 def _coils_text(column: dict[str, int]) -> str:
@@ -380,11 +232,20 @@ def build(
     return _built[identity][1]
 
 
-def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kernel:
+def layout(items: Sequence[Effect]) -> tuple[list[str], list[str], dict[str, int]]:
+    """Names of the entries of the parameter vector and of the effects' states, and where each of both stands."""
     names = [*PARAMETERS] + [n for e in items for p, d in e.parameters.items() for n in d.entries(f"{e.name}.{p}")]
     names += list(dict.fromkeys(c for e in items for c in e.conditions if c not in PARAMETERS))
     carried = [f"{e.name}.{s}" for e in items for s in e.states]
-    column = {n.removesuffix("[0]"): i for i, n in enumerate(names)} | {n: 8 + i for i, n in enumerate(carried)}
+    return (
+        names,
+        carried,
+        {n.removesuffix("[0]"): i for i, n in enumerate(names)} | {n: 8 + i for i, n in enumerate(carried)},
+    )
+
+
+def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kernel:
+    names, carried, column = layout(items)
     for item in items:
         for start in item.states.values():
             if isinstance(start, str) and start not in STARTS:
@@ -398,7 +259,7 @@ def _build(items: list[Effect], announce: Callable[[str], None] | None) -> Kerne
         return Kernel(
             tuple(e.name for e in items), tuple(names), STATES + tuple(carried),
             module.simulate_batch, module.simulate_pieces, module.linearise_pieces, module.forced_pieces,
-            module.evaluate, module.fly, text,
+            module.evaluate, text,
             {name: getattr(module, name) for name in COIL_FUNCTIONS} if with_coils else {},
         )  # fmt: skip
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs side by side, each in a lane of the processor's vector registers, for as long as they fly.
 
-`kernel` puts this file's text behind `integrator`'s and a right-hand side without effects in which every quantity is a
-row of LANES numbers in one array ``work``: `slopes`, which takes STAGE to SLOPE and GAPS. These rows' names come from
-there. Constant places in one array, no branch and no call are what the compiler needs to do all lanes at once; so exp,
-sin and cos are arithmetic here. Method and steps are those of `integrator`, with a step and its refinement for each
-lane.
+`lane_kernel` puts this file's text behind a right-hand side in which every quantity is a row of LANES numbers in one
+array ``work``: `slopes`, which takes STAGE and WHEN to SLOPE and GAPS. These rows' names come from there. Constant
+places in one array, no branch and no call are what the compiler needs to do all lanes at once; so exp, sin and cos are
+arithmetic here. ``own`` (LANES, parameters) are the parameters of each lane, for tables. Method and steps are those of
+`integrator`, with a step and its refinement for each lane.
 
 A run that comes near the track, stands or turns is given back as it was at the last row with steps of normal length,
 where `integrate` begins: so the result is the same."""
@@ -18,19 +18,10 @@ import numpy as np
 
 #: A register of 512 bits holds 8 numbers, one of 256 half of them.
 LANES = 8
-#: Rows of ``work`` besides those of the right-hand side; each step's size stands there eight times, once to a state.
-ROWS = {
-    "STATE": 8,
-    "FIRST": 8,
-    "NEXT": 8,
-    "THIRD": 8,
-    "SIZE": 8,
-    "ERROR": 8,
-    "TIME": 1,
-    "REFINE": 1,
-    "LONGEST": 1,
-    "FLIES": 1,
-}
+#: Rows of ``work`` for each state; each step's size stands there as often, once to a state.
+STATE_ROWS = ("STAGE", "SLOPE", "STATE", "FIRST", "NEXT", "THIRD", "SIZE", "ERROR", "LARGEST")
+#: Its other rows, one each: the time of a state, of the stage, and where its run began; the longest step and travel.
+ROWS = ("TIME", "WHEN", "BEGAN", "REFINE", "LONGEST", "TRAVEL", "FLIES")
 CLEAR, FAR = 5e-4, 1.0  # m, of gaps (and rad, of roll): nearer is too near to the track, further is out of range
 ROUND = 1.5 * 2.0**52  # a number to which this is added has its integer part in its last bits
 
@@ -93,26 +84,28 @@ def lane_cos(x):
     return lane_sine(x, 1)
 
 
-def lane_steps(work, moving):
+def lane_steps(work, own, moving):
     """`integrator.step` in every lane: from STATE, whose slope is FIRST, by SIZE to NEXT with SLOPE and GAPS; its
     ERROR."""
-    for i in range(8 * LANES):
+    for i in range(N_STATES * LANES):
         h, x, k = work[SIZE + i], work[STATE + i], work[FIRST + i]
         work[NEXT + i] = x + h / 6.0 * k
         work[STAGE + i] = x + 0.5 * h * k
     for s in range(4):
-        slopes(work, moving)
+        for lane in range(LANES):
+            work[WHEN + lane] = work[TIME + lane] + (1.0 if s >= 2 else 0.5) * work[SIZE + lane]
+        slopes(work, own, moving)
         if s == 3:
             break
         part = 6.0 if s == 2 else 3.0
         ahead = 1.0 if s == 1 else 0.5
-        for i in range(8 * LANES):
+        for i in range(N_STATES * LANES):
             h, k = work[SIZE + i], work[SLOPE + i]
             x_new = work[NEXT + i] + h / part * k
             work[NEXT + i] = x_new
             work[THIRD + i] = k
             work[STAGE + i] = x_new if s == 2 else work[STATE + i] + ahead * h * k
-    for i in range(8 * LANES):
+    for i in range(N_STATES * LANES):
         work[ERROR + i] = work[SIZE + i] / 6.0 * abs(work[THIRD + i] - work[SLOPE + i])
 
 
@@ -126,27 +119,28 @@ def leaves(work, lane):
 
 
 def fly(times, began, x, P, moving, out, done):
-    """Carry runs x (jobs, 8) with parameters P from time ``began`` through ``times``; outputs as `integrate`'s in
-    ``out``.
+    """Carry runs x (jobs, N_STATES) with parameters P from time ``began`` through ``times``; outputs as `integrate`'s
+    in ``out``.
 
     Gives back in ``done`` (jobs,) how many rows stand for each, and in ``x`` the state at the last of them.
     """
-    work, on = np.zeros(WORK), np.zeros(MAX_STEPS.size, np.bool_)
+    work, own, on = np.zeros(WORK), np.empty((LANES, P.shape[1])), np.ones(MAX_STEPS.size, np.bool_)
     for first in range(0, x.shape[0], LANES):
         jobs = min(LANES, x.shape[0] - first)
         for lane in range(LANES):  # the last group is filled up with copies that do not fly
             job = first + min(lane, jobs - 1)
-            for i in range(STAGE // LANES):
+            own[lane] = P[job]
+            for i in range(GAPS // LANES):
                 work[i * LANES + lane] = P[job, i]
-            for i in range(8):
-                work[STATE + i * LANES + lane] = work[NEXT + i * LANES + lane] = work[STAGE + i * LANES + lane] = x[
-                    job, i
-                ]
-            work[TIME + lane], work[REFINE + lane] = began, 1.0
-            work[LONGEST + lane] = step_sizes(P[job], on, 1.0)[0]
-            work[FLIES + lane] = 0.0
-        slopes(work, moving)
-        for i in range(8 * LANES):
+            for i in range(N_STATES):
+                at = i * LANES + lane
+                work[STATE + at] = work[NEXT + at] = work[STAGE + at] = x[job, i]
+                work[LARGEST + at] = abs(x[job, i])
+            work[TIME + lane] = work[WHEN + lane] = began
+            work[BEGAN + lane], work[REFINE + lane], work[FLIES + lane] = x[job, 0], 1.0, 0.0
+            work[LONGEST + lane], _, work[TRAVEL + lane] = step_sizes(P[job], on, 1.0)
+        slopes(work, own, moving)
+        for i in range(N_STATES * LANES):
             work[FIRST + i] = work[SLOPE + i]
         flying = 0
         for lane in range(jobs):
@@ -161,33 +155,41 @@ def fly(times, began, x, P, moving, out, done):
                 waits = False
                 for lane in range(LANES):
                     remaining = (target - work[TIME + lane]) * work[FLIES + lane]
-                    limit = min(work[LONGEST + lane] * work[REFINE + lane], work[LONGEST + lane])
+                    limit = min(
+                        work[LONGEST + lane], work[TRAVEL + lane] / max(abs(work[STATE + 4 * LANES + lane]), 1e-9)
+                    )
+                    limit = min(limit * work[REFINE + lane], work[LONGEST + lane])
                     h = remaining / max(math.ceil(remaining / limit - 1e-9), 1)
                     waits = waits or h > 0.0
-                    for i in range(0, 8 * LANES, LANES):
+                    for i in range(0, N_STATES * LANES, LANES):
                         work[SIZE + i + lane] = h
                 if not waits:
                     break
-                lane_steps(work, moving)
+                lane_steps(work, own, moving)
                 for lane in range(jobs):
                     h, t, refine, error = work[SIZE + lane], work[TIME + lane], work[REFINE + lane], 0.0
                     if h == 0.0:
                         continue
                     for i in range(8):
                         error = max(error, work[ERROR + i * LANES + lane] * PER_TOLERANCE[i])
+                    for i in range(8, N_STATES):  # as in `carried_error`
+                        at = i * LANES + lane
+                        size = max(work[LARGEST + at], abs(work[NEXT + at]))
+                        error = max(error, work[ERROR + at] / (CARRIED_TOLERANCE * size + CARRIED_LEAST))
                     if leaves(work, lane):
                         work[FLIES + lane] = 0.0
                         flying -= 1
                     elif error > SHRINK and refine > FINEST and h > SHORTEST_STEP:
                         work[REFINE + lane] = 0.5 * refine
-                        for i in range(lane, 8 * LANES, LANES):
+                        for i in range(lane, N_STATES * LANES, LANES):
                             work[NEXT + i], work[SLOPE + i] = work[STATE + i], work[FIRST + i]
                     else:
                         work[TIME + lane] = target if h == target - t else t + h
                         if error < GROW and refine < 1.0:
                             work[REFINE + lane] = 2.0 * refine
-                for i in range(8 * LANES):
+                for i in range(N_STATES * LANES):
                     work[STATE + i], work[FIRST + i] = work[NEXT + i], work[SLOPE + i]
+                    work[LARGEST + i] = max(work[LARGEST + i], abs(work[STATE + i]))
             for lane in range(jobs):
                 if work[FLIES + lane] > 0.0:
                     for i in range(8):
@@ -198,5 +200,5 @@ def fly(times, began, x, P, moving, out, done):
                         out[first + lane, row, 11 + i] = work[FIRST + (4 + i) * LANES + lane]
                     if work[REFINE + lane] == 1.0 or row == times.size - 1:
                         done[first + lane] = row + 1
-                        for i in range(8):
+                        for i in range(N_STATES):
                             x[first + lane, i] = work[STATE + i * LANES + lane]

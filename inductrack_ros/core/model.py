@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from . import kernel as kernels
+from . import lane_kernel
 from .coils.seam import SEAM, averaged_change
 from .coils.settings import coil_track
 from .coils.track import Coils
@@ -190,6 +191,11 @@ class Model:
     @cached_property
     def _kernel(self) -> kernels.Kernel:
         return kernels.build(self.known_effects, announce, self.track == "coils")
+
+    @property
+    def lanes(self) -> lane_kernel.LaneKernel:
+        """Machine code that carries many runs side by side, with the effects that are on."""
+        return lane_kernel.build([self.known_effects[n] for n in self.kernel.effects if n in self.effects])
 
     @cached_property
     def coils(self) -> Coils | None:

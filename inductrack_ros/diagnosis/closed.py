@@ -17,7 +17,7 @@ from ..estimation.scores import pushed_by
 from ..estimation.shooting import Fit, linearise_all
 from .laws.code import Written
 from .laws.fitting import Fitted, Table, fitted, starts_of
-from .laws.forms import ALONG, Range
+from .laws.forms import ALONG, Form, Range, forms_on
 from .laws.propose import in_place
 from .moves import State, Task, described, shaken, with_law
 from .screening import Equations, Law, equations
@@ -52,27 +52,30 @@ def add_closed(task: Task, state: State) -> State:
 
 
 def promises(task: Task, f: Fit, systems: Sequence[LinearRun], lacking: Sequence[str]) -> list[Promise]:
-    """What closed forms promise on all that a force may depend on and act on; of each pair of these the best first."""
+    """What closed forms promise on all that a force may depend on and act on; of each pair of these the best first.
+
+    A form is fitted only where its table leaves it room: none can take off more than all that the data say."""
     samples = task.problem.samples
     asked = [e for e in equations(task.problem, f, systems, lacking) if pushed_by(e.acts_on) in lacking]
-    tables = [Table.of(e.acts_on, parameters(e.variable, e.start, e.step), e.gram, e.score) for e in asked]
-    found = [fitted(table, samples) for table in tables]
-    family = len({(t.acts_on, t.variable, o.form.name) for t, fits in zip(tables, found, strict=True) for o in fits})
+    forms = {(e.acts_on, e.variable): forms_on(e.variable, e.acts_on) for e in asked}
+    family = sum(map(len, forms.values()))
     best: dict[tuple[str, str], Promise] = {}
-    for e, table, fits in zip(asked, tables, found, strict=True):
-        whole = float(table.wanted @ table.wanted) - e.rise
-        for one in fits:
-            price = price_of(one, table, family)
+    for e in asked:
+        pair = e.acts_on, e.variable
+        table = Table.of(e.acts_on, parameters(e.variable, e.start, e.step), e.gram, e.score)
+        whole = float(table.wanted @ table.wanted) - e.rise  # what a form without any misfit would take off
+        prices = {form.name: price_of(form, table, family) for form in forms[pair]}
+        for one in fitted(table, samples, [form for form in forms[pair] if prices[form.name] < whole]):
+            price = prices[one.form.name]
             p = Promise(e, one, table.range, price, whole - one.misfit - price)
-            best[e.acts_on, e.variable] = max(best.get((e.acts_on, e.variable), p), p, key=lambda x: x.gain)
+            best[pair] = max(best.get(pair, p), p, key=lambda x: x.gain)
     return sorted(best.values(), key=lambda p: -p.gain)
 
 
-def price_of(one: Fitted, table: Table, family: int) -> float:
+def price_of(form: Form, table: Table, family: int) -> float:
     """Fall of the deviance that chance reaches in `LEVEL` of campaigns with a form among ``family``, each sought from
     all its starts."""
-    tries = starts_of(table, one.form)
-    return float(stats.chi2.isf(LEVEL / (family * tries), one.form.count))
+    return float(stats.chi2.isf(LEVEL / (family * starts_of(table, form)), form.count))
 
 
 def _refitted(task: Task, state: State, p: Promise) -> State:

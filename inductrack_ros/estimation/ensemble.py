@@ -15,8 +15,9 @@ from ..workers import Cluster, Threads
 
 #: Runs in one task: a few milliseconds of work, and whole groups of lanes.
 CHUNK = 3 * LANES
-#: An ensemble of so many runs without effects flies in lanes (`core.lanes`), which take five seconds to compile, once.
-MANY = 500
+#: An ensemble of so many runs flies in lanes (`core.lanes`), which take five seconds to compile, once. With
+#: effects that is once for each set of them, and takes as long as thousands of short runs.
+MANY, MANY_WITH_EFFECTS = 500, 8000
 
 
 def ensemble(
@@ -32,10 +33,10 @@ def ensemble(
 
     ``states`` (runs, 8) are where they start, at the first of ``times``; ``parameters`` maps full names (``eta``,
     ``drive_current``, ``viscous_drag.coefficient``) to (runs,). Each row is what `Model.simulate` gives for it, to the
-    last bit; from `MANY` runs on, which fly side by side, to 1e-9 m. A run that leaves all bounds ends in NaN rows.
-    ``reduced`` is applied to the outputs (jobs, n, 15) where they are made, so that of many runs only what it gives of
-    each, (jobs, …), is kept (a copy: a view would keep all). Raises `InputError` for a name or a shape that does not
-    fit."""
+    last bit; from `MANY` runs on (with effects `MANY_WITH_EFFECTS`), which fly side by side, to 1e-9 m. A run that
+    leaves all bounds ends in NaN rows. ``reduced`` is applied to the outputs (jobs, n, 15) where they are made, so that
+    of many runs only what it gives of each, (jobs, …), is kept (a copy: a view would keep all). Raises `InputError` for
+    a name or a shape that does not fit."""
     times, states = np.ascontiguousarray(times, float), np.atleast_2d(np.asarray(states, float))
     if states.shape[1] != 8 or times.ndim != 1 or times.size == 0 or not (np.diff(times) >= 0).all():
         raise InputError(
@@ -53,7 +54,9 @@ def ensemble(
                 f"ensemble: {name} has shape {np.shape(values)}; give one value for each of the {len(states)} runs"
             )
 
-    in_lanes = len(states) >= MANY and not model.switches.any()
+    lanes = model.lanes if len(states) >= (MANY_WITH_EFFECTS if model.switches.any() else MANY) else None
+    if lanes is not None:
+        asked = [known.index(name) for name in lanes.parameters]
 
     def task(rows: slice) -> np.ndarray:
         x = states[rows]
@@ -66,8 +69,10 @@ def ensemble(
             full[:] = [model.with_effect_states(s, times[0], p) for s, p in zip(x, P, strict=True)]
         out = np.empty((len(x), times.size, len(MOTION)))
         done = np.zeros(len(x), np.int64)  # rows of each run
-        if in_lanes:
-            model.kernel.fly(times, times[0], full, P, model.moving, out, done)
+        if lanes is not None:
+            carried = full[:, model.active_states]
+            lanes.fly(times, times[0], carried, P[:, asked], model.moving, out, done)
+            full[:, model.active_states] = carried
         none = np.empty(0)
         for i in np.flatnonzero(done < times.size):
             one, rest, began = slice(i, i + 1), slice(done[i], None), times[max(done[i] - 1, 0)]
