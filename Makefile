@@ -52,7 +52,7 @@ lint: $(READY)
 	@$(BIN)/lint-imports --no-logo
 	@$(BIN)/pyright --pythonpath $(BIN)/python
 
-# The tables of docs/effects.md and docs/interfaces.md, from the code.
+# The tables of docs/effects.md, docs/interfaces.md and docs/campaigns.md, from the code.
 tables: $(READY)
 	@$(BIN)/python docs/tables.py
 

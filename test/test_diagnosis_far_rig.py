@@ -119,6 +119,24 @@ def test_where_more_is_missing_than_may_be_added_the_lead_is_named(tmp_path, mon
     assert found.log[0] == "more would pay" and "open-loop" in found.log[1]
 
 
+def test_a_lead_that_leaves_noise_is_the_answer(tmp_path, monkeypatch):
+    """What else is missing is asked beside it."""
+    noise = 3e-5 * np.random.default_rng(1).standard_normal(170)
+    campaign = plate(tmp_path, lambda height: height + noise, {"noise_std": {"heave": 3e-5}})
+    problem, base, _ = base_fit(campaign, Model.load(campaign.model))
+    asked = []
+
+    def filled(task, state):
+        asked.append(state.added)
+        return state if state.added else replace(state, far=True)
+
+    monkeypatch.setattr(strategy, "ADDING", (("known effects", filled),))
+    monkeypatch.setattr(strategy, "REVISING", ())
+    found = strategy.search(Task(problem, ("heave",)), State(base))
+    assert found.added == ("heave_damping",) and not found.far and found.verdict == "missing_effect"
+    assert asked == [(), ("heave_damping",)]
+
+
 def test_what_promises_much_and_keeps_none_says_that_something_is_missing(tmp_path, monkeypatch):
     """No stage adds anything, and the scores still promise a thousand times what chance would."""
     campaign = worse(tmp_path)

@@ -11,6 +11,7 @@ import textwrap
 from importlib.metadata import entry_points
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -18,6 +19,9 @@ from inductrack_ros import cli
 from inductrack_ros.core.effects import catalogue, load_effects
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.parameters import PARAMETERS as MODEL
+from inductrack_ros.data import load_campaign
+from inductrack_ros.diagnosis.diagnose import base_fit
+from inductrack_ros.diagnosis.moves import State, Task, screened
 from inductrack_ros.nodes import interface_tables, monitor, play, record
 from inductrack_ros.nodes.launching import ARGUMENTS
 from inductrack_ros.nodes.parameters import MODEL_OPTIONS
@@ -230,6 +234,43 @@ def test_the_tests_that_pages_name_exist():
         assert f"def {function}" in found.read_text(encoding="utf-8"), (file, function)
 
 
+#: Noise of the channels of a small rig.
+SIZES = {
+    "surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4,
+    "surge_rate": 0.02, "sway_rate": 2e-3, "heave_rate": 2e-3, "roll_rate": 5e-3,
+}  # fmt: skip
+
+
+def found_by_its_state(model, folder):
+    """The first recipe's effect promises most, and about its size, where a rig has it: its state begins on the thrust,
+    which a screening has to follow."""
+    rig = model.with_changes(effects={"recipe_lag": {"time_constant": 0.02}})
+    rng = np.random.default_rng(3)
+    folder.mkdir()
+    times = np.linspace(0.0, 0.8, 401)
+    for i, speed in enumerate((18.0, 22.0)):
+        y = rig.simulate(times, rig.initial_state(surge_rate=speed)).outputs[:, :8]
+        y = y + rng.standard_normal(y.shape) * list(SIZES.values())
+        np.savetxt(
+            folder / f"{i}.csv",
+            np.column_stack([times, y]),
+            delimiter=",",
+            header="time," + ",".join(SIZES),
+            comments="",
+        )
+    description = {
+        "name": "late",
+        "noise_std": SIZES,
+        "runs": [{"file": f"{i}.csv", "drive_current": 7000.0} for i in range(2)],
+    }
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(description))
+    problem, base, _ = base_fit(load_campaign(folder), model)
+    best = screened(Task(problem, tuple(SIZES)), State(base)).singles[0]
+    assert best.labels == ("recipe_lag",)
+    typical = model.known_effects["recipe_lag"].parameters["time_constant"].typical
+    assert best.sizes["recipe_lag"][0] * typical == pytest.approx(0.02, rel=0.5)
+
+
 def test_the_effects_of_the_recipes_work(tmp_path):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.DOTALL)
     sources = [textwrap.dedent(block) for block in blocks if "@effect" in block]
@@ -248,6 +289,7 @@ def test_the_effects_of_the_recipes_work(tmp_path):
     assert 1e9 * sunk**1.5 + 1e3 * sunk == pytest.approx(
         model.parameters["mass"] * model.parameters["gravity"], rel=1e-3
     )
+    found_by_its_state(Model.create(effect_files=files), tmp_path / "late")
     lagging = model.with_effect_states([0.0, 0.0, -0.005, 0.0, 20.0, 0.0, 0.0, 0.0])
     lagging[-1] = 0.0  # no thrust yet
     assert model.quantities(lagging)["thrust"] == 0.0

@@ -65,6 +65,7 @@ def add_effect(
     added = settled(task, added)
     gains = added.cost(task) < before.cost(task)  # both before contact is taken exactly, which counts other readings
     added = add_background(task, added)
+    gains = gains or added.fit.exact and not before.fit.exact  # it alone leaves nothing but noise, in contact too
     added = replace(added, rounds=(*added.rounds, (added.added, screened(task, added))))
     found = diagnosis_of(campaign, task, added, base, undetermined, notes, began)
     verdict = "unknown_effect" if _something_left(task, added) else "missing_effect" if gains else "adequate"

@@ -21,8 +21,8 @@ from .settings import LEAD, REFIT_STEPS
 
 
 def best_lead(task: Task, state: State) -> State | None:
-    """The state with the known effect that predicts the runs best; None where it leaves more than the part `LEAD` of
-    the open-loop error.
+    """The state with the known effect that predicts the runs best, ``far`` where that leaves more than noise; None
+    where it leaves more than the part `LEAD` of the open-loop error.
 
     Each parameter costs what it does by Schwarz's criterion, the size of the error being unknown: log(n), against
     n log(error). Errors of a wrong model last, so n counts those that are independent."""
@@ -41,7 +41,8 @@ def best_lead(task: Task, state: State) -> State | None:
         new = fit(task.problem, f.fit.structure, replace(f.point, theta=f.fit.theta), REFIT_STEPS)
         if not new.lost:
             line = f"{f.one.members[0].name}: open-loop χ² per sample {error:.3g} -> {f.left:.3g}"
-            return grown(state, f.one, screening.family, new).told(line)
+            found = grown(state, f.one, screening.family, new).told(line)
+            return replace(found, far=not f.fit.leaves_noise)
     return None
 
 

@@ -52,7 +52,7 @@ Stage = Callable[[Task, State], State]
 def search(task: Task, state: State) -> State:
     """The state with everything that the data say is missing, or with a run that has to be set aside first; what log
     and rig do besides was looked for before (`add_background`)."""
-    start, revised = state, list[set[str]]()
+    start, revised, lead = state, list[set[str]](), None
     while True:
         known = _through(task, state, ADDING[:1])
         state = _through(task, known, ADDING[1:])
@@ -61,7 +61,10 @@ def search(task: Task, state: State) -> State:
         if state.odd:
             return state
         if state.far and not state.stopped and (led := _led(task, start, state)) is not state:
-            return led
+            if led.far or led.stopped or lead:
+                return led
+            lead = state = led  # it leaves noise: is anything missing beside it?
+            continue
         grown = set(state.added)
         if state.stopped or revised and grown == revised[-1]:
             break
@@ -89,8 +92,8 @@ def unkept(state: State) -> str:
 def _led(task: Task, start: State, found: State) -> State:
     """The one effect with which a model far from the rig predicts the runs best, in the place of all that was found.
 
-    It is sought from where the search began. Where no effect explains more than it leaves, what was found stays. The
-    next effect is asked for once this one is added."""
+    It is sought from where the search began. Where no effect explains more than it leaves, what was found stays. Where
+    one leaves more than noise (``far``), the next effect is asked for once this one is added."""
     try:
         lead = best_lead(task, start)
         if lead is None:
@@ -100,7 +103,7 @@ def _led(task: Task, start: State, found: State) -> State:
         return found
     except (KeyboardInterrupt, OutOfTime) as stop:
         return _broken_off(found, stop)
-    return replace(state, far=True, log=(*found.log, *state.log[len(start.log) :]))
+    return replace(state, far=lead.far, log=(*found.log, *state.log[len(start.log) :]))
 
 
 def _broken_off(state: State, stop: BaseException) -> State:

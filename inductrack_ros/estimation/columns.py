@@ -45,8 +45,11 @@ def of_parameters(
         steps = np.where(theta + THETA_STEP <= wide.bounds[1], THETA_STEP, -THETA_STEP)
         thetas = np.vstack([theta, theta + np.diag(steps)])
 
-        def one(i: int, wide=wide, thetas=thetas, steps=steps, means=means) -> Columns:
-            return differences(problem, wide, i, fit.paths[i], thetas, steps, fit.model.active_states, means[i])
+        states = any(known[n.partition(":")[0]].states for n in names)
+
+        def one(i: int, wide=wide, thetas=thetas, steps=steps, means=means, states=states) -> Columns:
+            path = carried(problem, wide, i, fit.paths[i]) if states else fit.paths[i]
+            return differences(problem, wide, i, path, thetas, steps, fit.model.active_states, means[i])
 
         runs = problem.for_runs(one) if names else []
         for name in names:

@@ -91,6 +91,11 @@ def addition(result: Diagnosis) -> str:
         return f"Adding {name} gains no more than chance would."
     before, after = (ratio(math.sqrt(s.reduced_chi2)) for s in (result.steps[0], result.steps[-1]))
     left = "more than noise is left" if result.verdict == "unknown_effect" else "what is left is noise"
+    if result.steps[-1].reduced_chi2 > result.steps[0].reduced_chi2:
+        return (
+            f"Adding {name} gains more than chance would from sample to sample, but predicts no better: the error of"
+            f" whole runs is {after} times the noise, {before} without; {left}."
+        )
     return f"Adding {name} lowers the error from {before} to {after} times the noise; {left}."
 
 
