@@ -41,6 +41,7 @@ setup(
         "rosbags>=0.11",
         "plotly",
         "jinja2",
+        "markupsafe",
         "threadpoolctl",
         "rich",
     ],

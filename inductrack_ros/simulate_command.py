@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from .core.errors import InputError, did_you_mean
 from .core.named_values import named_values
-from .core.output_folder import output_folder
+from .core.output_folder import check_place, output_folder
 
 if TYPE_CHECKING:
     from .core.model import Model, Trajectory
@@ -172,6 +172,9 @@ def _check_output(output: Path, campaign: bool) -> None:
         output.is_dir() if is_csv else not campaign or not output.is_dir() or any(output.iterdir())
     ):
         raise InputError(f"--output {output}: exists already; choose another name or delete it first")
+    if str(output) == "-":
+        raise InputError("--output -: a run is written into a file, not a stream; give it a name, e.g. run.csv")
+    check_place(output.parent)
     if not output.absolute().parent.is_dir():
         raise InputError(f"--output {output}: there is no folder {output.parent}; create it first")
 

@@ -11,10 +11,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from conftest import LONG
+from rclpy import get_rmw_implementation_identifier
 from test_compare import make_campaign
 
 import inductrack_ros
@@ -23,6 +25,9 @@ from inductrack_ros.core import compiled
 from inductrack_ros.core.cache import cache_folder
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
+from inductrack_ros.core.output_folder import write_whole
+from inductrack_ros.core.paths import missing
+from inductrack_ros.nodes.middleware import check_middleware
 
 AS_NOBODY = """
 import pwd, runpy
@@ -206,3 +211,123 @@ def test_memory_that_runs_out_on_the_way_is_one_line(tmp_path, monkeypatch, caps
     said = capsys.readouterr().err
     assert said.startswith("inductrack check: out of memory (Unable to allocate 8.00 TiB") and said.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+# ---------------------------------------------------------------- links, and folders that may not be entered
+
+
+@pytest.fixture
+def odd(tmp_path, monkeypatch):
+    """A folder with links into nowhere and round in a circle, a file, and a good campaign."""
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    Path("dangling").symlink_to("nowhere")
+    Path("file").write_text("")
+    make_campaign(tmp_path / "rig", Model.default(), duration=0.1)
+    return tmp_path
+
+
+LOOP, NOWHERE = "is a link that leads back to itself", "is a link to nowhere, which is not there"
+PLACES = {
+    "loop": LOOP,
+    "loop/x": f"loop {LOOP}",
+    "dangling": NOWHERE,
+    "dangling/x": f"dangling {NOWHERE}",
+    "file": "is a file; give a folder",
+    "file/x/y": "file is a file; give a folder",
+    "-": "results are files, not a stream",
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_results_where_no_folder_can_be(odd, capsys, place):
+    before = sorted(odd.rglob("*"))
+    for words in (["compare", "rig"], ["check", "rig"], ["fit", "rig"], ["add", "track_slope", "rig"]):
+        assert cli.main([*words, "--output", place]) == 2
+        said = capsys.readouterr().err
+        assert f"--output {place}: {PLACES[place]}" in said and said.count("\n") == 1
+    assert sorted(odd.rglob("*")) == before
+
+
+def test_a_run_where_no_file_can_be(odd, capsys):
+    for place, says in (("dangling/x.csv", NOWHERE), ("loop/x.csv", LOOP), ("file/bag", "is a file"), ("-", "stream")):
+        assert cli.main(["simulate", "--duration", "0.01", "--output", place]) == 2
+        said = capsys.readouterr().err
+        assert says in said and said.count("\n") == 1
+    assert not Path("-").exists()
+
+
+def test_inputs_that_are_links_into_nowhere(odd, capsys):
+    """A campaign, its campaign.yaml, a run, a model, a file of effects."""
+    for link, says in (("loop", LOOP), ("dangling", NOWHERE)):
+        for words in ([link], ["rig", "--model", link], ["rig", "--effects", link]):
+            assert cli.main(["compare", *words, "--output", "out"]) == 2
+            assert f"{link}: {says}" in capsys.readouterr().err
+    run = next(odd.glob("rig/*.csv"))
+    run.unlink()
+    run.symlink_to("/nfs/gone.csv")
+    assert cli.main(["compare", "rig", "--output", "out"]) == 2
+    assert f"{run.name}: is a link to /nfs/gone.csv, which is not there" in capsys.readouterr().err
+    Path("rig/campaign.yaml").unlink()
+    Path("rig/campaign.yaml").symlink_to("campaign.yaml")
+    assert cli.main(["compare", "rig", "--output", "out"]) == 2
+    assert f"campaign.yaml: {LOOP}" in capsys.readouterr().err
+
+
+def test_a_folder_that_may_not_be_entered():
+    """A folder outside of pytest's own, which other users may not enter either."""
+    with tempfile.TemporaryDirectory() as name:
+        inside = Path(name, "closed", "run.csv")
+        inside.parent.mkdir()
+        inside.write_text("")
+        Path(name).chmod(0o755)
+        inside.parent.chmod(0)
+        root = os.geteuid() == 0
+        try:
+            os.seteuid(12345) if root else None
+            said = missing(inside)
+        finally:
+            os.seteuid(0) if root else None
+            inside.parent.chmod(0o700)
+        assert said.startswith(f"cannot be read: this user may not enter the folder {inside.parent}")
+        assert missing(inside) == "" and missing(Path(name, "none")) == "no such file"
+
+
+def test_one_file_written_by_two_at_once_is_whole(tmp_path):
+    """Each writes beside the file under a name of its own."""
+    texts = [c * 100_000 for c in "abcd"]
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda text: [write_whole(tmp_path / "model.yaml", text) for _ in range(20)], texts))
+    assert (tmp_path / "model.yaml").read_text() in texts and len(list(tmp_path.iterdir())) == 1
+
+
+# ---------------------------------------------------------------- the middleware
+
+
+@pytest.mark.parametrize("domain", ["233", "-1", "abc", "1.5", "99999999999999999999"])
+def test_a_domain_that_there_is_not(monkeypatch, domain):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with pytest.raises(InputError, match=rf"ROS_DOMAIN_ID={domain}: .* from 0 to 232.* 0 to 101 and 215 to 232"):
+        check_middleware()
+
+
+@pytest.mark.parametrize("domain", ["", "0", "232", "0x10", " 7"])
+def test_a_domain_that_there_is(monkeypatch, domain):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    check_middleware()
+
+
+@pytest.mark.parametrize("command", [["nodes.start", "sim"], ["cli", "watch"]])
+def test_a_middleware_that_is_not_installed(command):
+    done = subprocess.run(
+        [sys.executable, "-m", f"inductrack_ros.{command[0]}", command[1]],
+        env=os.environ | {"RMW_IMPLEMENTATION": "rmw_of_nobody_cpp"},
+        capture_output=True, text=True, timeout=LONG, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "RMW_IMPLEMENTATION=rmw_of_nobody_cpp: is not installed here; unset RMW_IMPLEMENTATION" in done.stderr
+
+
+def test_a_middleware_that_is_installed(monkeypatch):
+    monkeypatch.setenv("RMW_IMPLEMENTATION", get_rmw_implementation_identifier())
+    check_middleware()

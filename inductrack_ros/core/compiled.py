@@ -30,6 +30,7 @@ from .cache import cache_folder
 from .channels import Channel
 from .effects import Effect
 from .errors import InputError
+from .output_folder import write_whole
 
 #: Compiled modules unused for so long are thrown away when a new one is compiled.
 KEPT_DAYS = 90
@@ -98,11 +99,9 @@ def _write(text: str, folder: Path) -> None:
         os.utime(folder)  # what is used is kept; not the file: older numba takes another age for another text
     if not fresh:
         return
-    try:  # written aside and renamed, for two processes may start at once
+    try:
         folder.mkdir(exist_ok=True)
-        aside = folder / f"kernel.{os.getpid()}.tmp"
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
+        write_whole(path, text)
     except OSError as error:
         raise _not_kept(folder.parent, error) from None
     prune(folder.parent)

@@ -17,6 +17,7 @@ import yaml
 from .effects import Effect, load_effects, split_name
 from .errors import InputError, announce, did_you_mean
 from .options import COIL_OPTIONS, MODEL_OPTIONS, is_of_the_node
+from .output_folder import write_whole
 from .parameters import PARAMETERS
 from .state import CHANNELS
 from .uncertainty import Uncertainty
@@ -136,12 +137,7 @@ def write_model(path: str | Path, flat: Mapping[str, Any], comment: str, uncerta
     text = "".join(f"# {line}\n" for line in comment.splitlines())
     blocks = {"/**": {"ros__parameters": nested}} | (uncertainty.block() if uncertainty else {})
     text += yaml.safe_dump(blocks, sort_keys=False, allow_unicode=True)
-    aside = Path(path).with_name(Path(path).name + ".partial")
-    try:
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
+    write_whole(path, text)
 
 
 def check_conditions(given: Mapping[str, Any], known: Mapping[str, Effect], place: str) -> dict[str, float]:

@@ -13,13 +13,19 @@ def named_values(given: str, where: str, example: str) -> dict[str, float]:
     """
     values: dict[str, float] = {}
     for entry in filter(None, (part.strip() for part in given.split(","))):
-        name, equals, number = (part.strip() for part in entry.partition("="))
-        if name in values:
+        name, number = assigned(entry)
+        if name and name in values:
             raise InputError(f"{where}: '{name}' is given twice")
         try:
-            if not (equals and name):
+            if not name:
                 raise ValueError
             values[name] = float(number)
         except ValueError:
             raise InputError(f"{where}: '{entry}' is not NAME=NUMBER, e.g. {example}") from None
     return values
+
+
+def assigned(text: str) -> tuple[str, str]:
+    """``NAME=VALUE`` as its two parts; both empty where one of them, or the sign, is missing."""
+    name, equals, value = (part.strip() for part in text.partition("="))
+    return (name, value) if name and equals and value else ("", "")

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A folder of results that appears whole or not at all."""
+"""Results that appear whole or not at all: a folder of them, a single file."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import os
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from .errors import InputError
+from .paths import missing
 
 
 @contextlib.contextmanager
@@ -21,13 +23,10 @@ def output_folder(given: str | Path, apart_from: Path | None = None) -> Iterator
     Results are not mixed into the folder ``apart_from``, the campaign's own. Raises `InputError` where ``given`` cannot
     be written, before any work is done.
     """
-    if not str(given):
-        raise InputError("--output: is empty; give a folder")
     target = Path(given)
-    if apart_from is not None and target.resolve() == apart_from.resolve():
+    if apart_from is not None and os.path.realpath(target) == os.path.realpath(apart_from):
         raise InputError(f"--output {given}: that is the campaign's own folder; choose another")
-    if os.path.lexists(target) and not target.is_dir():
-        raise InputError(f"--output {given}: is a file; give a folder")
+    check_place(given)
     made: list[Path] = [p for p in target.absolute().parents if not p.exists()]
     temporary: Path | None = None
     try:
@@ -39,7 +38,8 @@ def output_folder(given: str | Path, apart_from: Path | None = None) -> Iterator
         except OSError as error:
             raise InputError(f"--output {given}: cannot be written: {error.strerror}") from None
         try:
-            yield temporary
+            with _under_the_name_given(temporary, str(given)):
+                yield temporary
             target.mkdir(exist_ok=True)
             for file in sorted(temporary.iterdir()):
                 file.replace(target / file.name)
@@ -54,3 +54,39 @@ def output_folder(given: str | Path, apart_from: Path | None = None) -> Iterator
             for folder in made:  # those that this call made, deepest first, while they are empty
                 with contextlib.suppress(OSError):
                     folder.rmdir()
+
+
+def check_place(given: str | Path) -> None:
+    """Raise `InputError` where no folder can be at ``given``: a file or a link is in its place, or on the way."""
+    if not str(given):
+        raise InputError("--output: is empty; give a folder")
+    if str(given) == "-":
+        raise InputError("--output -: results are files, not a stream; give a folder")
+    for part in (*reversed(Path(given).parents), Path(given)):
+        if part.is_dir() or not os.path.lexists(part):
+            continue
+        what, remedy = missing(part), "delete the link, or choose another name"
+        place = "" if part == Path(given) else f"{part} "
+        raise InputError(f"--output {given}: {place}{what or 'is a file'}; {remedy if what else 'give a folder'}")
+
+
+@contextlib.contextmanager
+def _under_the_name_given(folder: Path, given: str) -> Iterator[None]:
+    """Let messages about the hidden ``folder`` speak of the one that the user gave."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(str(error).replace(str(folder), given)) from None
+
+
+def write_whole(file: str | Path, text: str) -> None:
+    """Write a text so that no half-written file is ever seen under its name, also where two write it at once.
+
+    An older file is replaced. Raises OSError where it cannot be written.
+    """
+    aside = Path(file).with_name(f".{secrets.token_hex(8)}.partial")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        os.replace(aside, file)
+    finally:
+        aside.unlink(missing_ok=True)

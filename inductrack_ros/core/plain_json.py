@@ -30,6 +30,11 @@ def file_text(data: Any) -> str:
     return json.dumps(plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def attribute_text(data: Any) -> str:
+    """JSON in one line of ASCII, for an attribute of a file that has no mappings."""
+    return json.dumps(plain(data), allow_nan=False)
+
+
 def script_text(data: Any) -> str:
     """JSON that can stand inside a script element of HTML, whatever it holds."""
     return json.dumps(plain(data), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

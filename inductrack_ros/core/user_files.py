@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from .errors import InputError
+from .paths import missing
 
 _shipped: dict[str, bytes] = {}
 
@@ -25,10 +26,10 @@ def run_file(given: str | Path, kind: str = "effect") -> types.ModuleType:
     """The module a user's file makes, its text in ``content``; one for each text, so that an edited file is a new
     module. ``kind`` is the decorator that its functions bear, and what messages call it."""
     try:
-        path = Path(os.path.expanduser(given)).resolve()
+        path = Path(os.path.realpath(os.path.expanduser(given)))
         content = _shipped[str(given)] if str(given) in _shipped else path.read_bytes()
-    except (OSError, ValueError, RuntimeError) as error:
-        problem = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({type(error).__name__})"
+    except (OSError, ValueError) as error:
+        problem = missing(os.path.expanduser(given)) or f"cannot be read: {getattr(error, 'strerror', None) or error}"
         raise InputError(
             f"{kind} file {given}: {problem}; give the path of a Python file with @{kind} functions"
         ) from error

@@ -11,6 +11,7 @@ from pathlib import Path
 import yaml
 
 from .errors import InputError
+from .paths import missing
 
 
 class Lines(dict):
@@ -75,8 +76,8 @@ def read_yaml(file: str | Path, aliases: bool = False) -> object:
     """
     try:
         path = Path(file)
-        if not path.exists():
-            raise InputError(f"{file}: no such file")
+        if why := missing(path):
+            raise InputError(f"{file}: {why}")
         if not path.is_file():  # reading a pipe or a device could wait for ever
             raise InputError(f"{file}: cannot be read: not a regular file")
         text = path.read_bytes().decode("utf-8-sig")

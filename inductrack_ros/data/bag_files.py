@@ -8,6 +8,7 @@ after the other by `rosbags`, so that a recording of a thousand files needs no t
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import shutil
 import tempfile
@@ -185,7 +186,7 @@ def _under(path: Path, folder: Path, suffix: str) -> Path:
         return path
     folder.mkdir(exist_ok=True)
     link = folder / f"bag{suffix}"
-    link.symlink_to(path.resolve())
+    link.symlink_to(os.path.realpath(path))
     return link
 
 

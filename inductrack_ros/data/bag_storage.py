@@ -9,6 +9,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from ..core.errors import InputError
+from ..core.paths import missing
 from ..core.yaml_files import read_yaml
 from .mcap_salvage import MAGIC
 
@@ -64,7 +65,7 @@ def storage_files(path: Path, notes: list[str]) -> tuple[list[Path], int]:
                 raise InputError(f"{path}: not a bag; give a rosbag2 folder, a .mcap or a .db3")
             return [path], 0
         if not path.is_dir():
-            raise InputError(f"{path}: no such bag")
+            raise InputError(f"{path}: {missing(path).replace('no such file', 'no such bag', 1)}")
         inside = sorted((p for p in path.iterdir() if _is_storage(p)), key=_natural)
         has_metadata = (path / METADATA).is_file()
     except (OSError, ValueError) as error:

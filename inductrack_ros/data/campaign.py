@@ -16,6 +16,7 @@ from .. import frames
 from ..core.errors import InputError
 from ..core.model import Model
 from ..core.parameters import PARAMETERS
+from ..core.paths import NOT_THERE, missing
 from ..core.state import CHANNELS, STATES
 from ..core.yaml_files import Lines, read_yaml
 from .bag_storage import is_bag, storage_inside, unpacked_name
@@ -174,12 +175,15 @@ def _unused(runs: tuple[Run, ...], noise_std: Mapping[str, float], reading: _Rea
 
 
 def _content(file: Path) -> Any:
-    if not exists(file.parent):
-        raise InputError(f"{file.parent}: no such folder; a campaign is a folder with {FILE}")
+    if why := missing(file.parent):
+        why = why.replace(NOT_THERE, "no such folder", 1)
+        raise InputError(f"{file.parent}: {why}; a campaign is a folder with {FILE}")
     if not exists(file) and (file.parent.is_file() or storage_inside(file.parent)):
         line = f"runs: [{{file: {file.parent.name}, drive_current: 7000.0}}]"
         raise InputError(f"{file.parent}: is one run; write a {FILE} beside it, `{line}`, and name the folder of both")
     if not exists(file) or file.is_dir():
+        if (why := missing(file)) and not why.startswith(NOT_THERE):
+            raise InputError(f"{file}: {why}")
         others = sorted(p.name for p in file.parent.glob("*") if "campaign" in p.name.lower() or p.suffix == ".yml")
         meant = f"; rename {others[0]}?" if others else ""
         raise InputError(f"{file}: no such file; a campaign is a folder with {FILE} in it{meant}")
@@ -217,8 +221,10 @@ def _runs(folder: Path, mapping: Section, reading: _Reading) -> tuple[Run, ...]:
     for section in sections:
         file = folder / section.text("file")
         if not exists(file):
-            raise section.error("file", f"{file}: no such file; {looked_for(folder, section.text('file'))}")
-        if file.resolve() in [f.resolve() for f in files]:
+            why = missing(file)
+            meant = f"; {looked_for(folder, section.text('file'))}" if why.startswith(NOT_THERE) else ""
+            raise section.error("file", f"{file}: {why}{meant}")
+        if os.path.realpath(file) in map(os.path.realpath, files):
             raise section.error("file", f"{file} is listed twice; delete one")
         files.append(file)
     names = _names(folder, files)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import re
 import reprlib
 from collections import Counter
@@ -18,6 +19,7 @@ from typing import Any
 
 from ..core.errors import InputError, did_you_mean
 from ..core.parameters import PARAMETERS
+from ..core.paths import missing
 from ..core.state import CHANNELS, COORDINATES, as_dof
 from ..core.yaml_files import Lines
 from .bag_messages import TYPES
@@ -198,7 +200,7 @@ def read_name(mapping: Section, folder: Path) -> str:
     value = mapping.get("name")
     if isinstance(value, (Lines, list)):
         raise mapping.error("name", f"name must be text, not {shown(value)}")
-    name = folder.resolve().name if value is None else str(value)
+    name = Path(os.path.realpath(folder)).name if value is None else str(value)
     # A folder may have any bytes for its name.
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
@@ -227,7 +229,8 @@ def read_model(mapping: Section, folder: Path) -> Path | None:
         return None
     model = folder / mapping.text("model")
     if not exists(model) or model.is_dir():
-        raise mapping.error("model", f"model {model}: no such file; the path is relative to the campaign's folder")
+        why = missing(model) or "no such file, but a folder"
+        raise mapping.error("model", f"model {model}: {why}; the path is relative to the campaign's folder")
     return model
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import InputError
+from ..core.paths import missing
 from .file_kinds import kind_of
 
 #: Characters that text does not hold, but for NUL, which a recording that was cut off may end in.
@@ -43,8 +44,8 @@ def read_text(file: Path, notes: list[str]) -> bytes:
     try:
         if file.is_dir():
             raise InputError(f"{file}: is a folder, not a CSV file (a rosbag2 folder holds metadata.yaml)")
-        if not file.exists():
-            raise InputError(f"{file}: no such file")
+        if why := missing(file):
+            raise InputError(f"{file}: {why}")
         if not file.is_file():  # reading a pipe or a device could wait for ever
             raise InputError(f"{file}: not a regular file")
         data = file.read_bytes()

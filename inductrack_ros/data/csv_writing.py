@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import InputError
+from ..core.output_folder import write_whole
 from .csv_header import TIME
 from .measurement import Array, Run
 
@@ -34,7 +35,7 @@ def write_csv(file: str | Path, times: ArrayLike, columns: Mapping[str, ArrayLik
     if not file.parent.is_dir():
         raise InputError(f"{file}: there is no folder {file.parent}; create it first")
     try:
-        _replace(file, "\n".join(lines))
+        write_whole(file, "\n".join(lines))
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror}") from None
 
@@ -52,13 +53,3 @@ def write_prediction(folder: str | Path, run: Run, predicted: Array) -> Path:
 def _nanoseconds(stamp: int) -> str:
     sign, stamp = ("-", -stamp) if stamp < 0 else ("", stamp)
     return f"{sign}{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}"
-
-
-def _replace(file: Path, text: str) -> None:
-    """Write to a sibling and rename, so that no half-written file is ever seen under the name."""
-    temporary = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(file)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -6,11 +6,11 @@ The files in `layouts/` are what this writes; a test holds them to it, and every
 
 from __future__ import annotations
 
-import json
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+from ..core.plain_json import file_text
 from ..core.state import CHANNEL, FURTHER
 from .runtime import NAMESPACE
 
@@ -127,7 +127,7 @@ def foxglove() -> str:
         "playbackConfig": {"speed": 1},
         "layout": {"first": left, "second": "Tab!plots", "direction": "row", "splitPercentage": 40},
     }
-    return json.dumps(layout, indent=1, ensure_ascii=False) + "\n"
+    return file_text(layout)
 
 
 def _stacked(names: list[str]) -> object:

@@ -14,6 +14,7 @@ from ..core.errors import InputError
 from ..core.memory import room_to_begin, too_little
 from ..terminal import speak_to_any_terminal
 from .ending import STOP, leave
+from .middleware import check_middleware
 
 
 def _run(module: str) -> None:
@@ -22,6 +23,8 @@ def _run(module: str) -> None:
     speak_to_any_terminal()
     try:
         room_to_begin()
+        if not {"-h", "--help"} & set(sys.argv[1:]):
+            check_middleware()
         status = _main(module)
     except (InputError, MemoryError) as error:
         said = too_little(error) if isinstance(error, MemoryError) else error

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 
 from ..core.errors import InputError
+from .middleware import check_middleware
 
 EPILOG = """examples:
   inductrack watch                                  state, gaps, forces, pulses and the monitor's verdict, live
@@ -34,6 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("--list stands alone")
     if arguments.csv and not arguments.topic:
         raise InputError("--csv needs a TOPIC; inductrack watch --list shows what there is")
+    check_middleware()
     try:
         from .watch import watch
     except ModuleNotFoundError as error:

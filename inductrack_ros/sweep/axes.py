@@ -12,6 +12,7 @@ import numpy as np
 from ..core.effects import split_name
 from ..core.errors import InputError, did_you_mean
 from ..core.model import Model
+from ..core.named_values import assigned
 from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import CHANNELS, STATES, UNITS
 
@@ -50,8 +51,8 @@ def read_axes(given: Sequence[str], model: Model) -> tuple[Model, tuple[Axis, ..
         raise InputError(f"--over is given {len(given)} times; a map has one axis or two")
     found: list[Axis] = []
     for text in given:
-        name, equals, wanted = (part.strip() for part in text.partition("="))
-        if not (equals and name and wanted):
+        name, wanted = assigned(text)
+        if not name:
             raise InputError(f"--over {text}: is not NAME={FORMS}, e.g. {EXAMPLE}")
         if any(axis.name == name for axis in found):
             raise InputError(f"--over: '{name}' is given twice")

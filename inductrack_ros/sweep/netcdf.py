@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.plain_json import plain
+from ..core.plain_json import attribute_text
 from .planned import Placed
 from .quantities import QUANTITIES
 from .sweep import HIGH, LOW, Sweep
@@ -88,8 +87,8 @@ def _about(sweep: Sweep) -> dict[str, Any]:
     return {
         "title": "Sweep over " + " and ".join(a.name for a in plan.axes),
         "source": f"inductrack_ros {version('inductrack_ros')}",
-        "model": json.dumps(plain(plan.model.to_mapping())),
-        "initial_state": json.dumps(plain(dict(plan.initial))),
+        "model": attribute_text(plan.model.to_mapping()),
+        "initial_state": attribute_text(dict(plan.initial)),
         "duration": plan.duration,
         "rate": plan.rate,
         "samples": plan.samples,
