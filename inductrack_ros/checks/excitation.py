@@ -64,7 +64,7 @@ def excitation(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Find
             "still",
             NOTE,
             text,
-            "release it from aside in some runs",
+            "start some runs beside the middle of the track",
             still[0],
             size={"channels": still, "span": max(spans.values())},
         )
