@@ -478,3 +478,40 @@ def test_any_table_is_numbers_or_one_line(tmp_path, rows, separator, head):
         assert "\n" not in str(error) and len(str(error)) < 600
     else:
         assert np.isfinite(run.times).all() and (np.diff(run.times) > 0).all() and not np.isinf(run.values).any()
+
+
+def test_a_last_column_that_rows_leave_out_is_no_channel(tmp_path, plain):
+    """`Comment` of LabVIEW: in the header alone, or in some rows."""
+    rows = PLAIN.splitlines()
+    for comments, how in ((["", "", ""], "any row holds"), (["", ",begin", ""], "most rows hold")):
+        text = "\n".join([rows[0] + ",Comment", *(r + c for r, c in zip(rows[1:], comments, strict=True))])
+        run = read(tmp_path, text + "\n")
+        assert np.array_equal(run.values, plain.values, equal_nan=True) and np.array_equal(run.times, plain.times)
+        said = f"the header names one column more than {how}: the last one, 'Comment', is left out"
+        assert any(said in note for note in run.notes)
+
+
+@pytest.mark.parametrize("text", [
+    "time,surge,heave,temperature\n0,1,2,20\n1,1,2\n2,1,2,20\n",  # one of four is lost, and which is not known
+    "time,surge,sway,heave\n0,1,2\n1,1,2\n2,1,2\n",  # the last is a channel
+])  # fmt: skip
+def test_a_row_that_may_have_lost_any_cell_is_refused(tmp_path, text):
+    with pytest.raises(InputError, match=r"3 cells where the header names 4; (complete|.*delete names that no column)"):
+        read(tmp_path, text)
+
+
+def test_a_header_in_a_comment_above_rows_with_words(tmp_path):
+    """`rostopic echo -p`: the frame's name stands among the numbers."""
+    rows = "1700000000000000000,0,track,0.5\n1700000000100000000,1,track,0.6\n"
+    with pytest.raises(InputError, match=r"row 1: no channel beside 'time' \(there are 'time'; 'field.header.seq'"):
+        read(tmp_path, "%time,field.header.seq,field.header.frame_id,field.pose.position.x\n" + rows)
+    run = read(tmp_path, "%time,field.header.seq,field.header.frame_id,surge\n" + rows)
+    assert run.channels == ("surge",) and run.values.tolist() == [[0.5], [0.6]]
+
+
+def test_of_long_names_the_ends_are_shown(tmp_path):
+    with pytest.raises(InputError, match=r"pose/pose/position/x'; .*pose/pose/position/z'\)"):
+        read(
+            tmp_path,
+            "time,/rig/motion_capture/cradle/pose/pose/position/x,/rig/motion_capture/cradle/pose/pose/position/z\n0,1,2\n1,2,3\n",
+        )

@@ -114,5 +114,5 @@ def decimal_sign(file: object, row: int, text: str, separator: str) -> str:
 
 
 def shown(text: str) -> str:
-    """A cell as it stands in one line of a message."""
-    return repr(text if len(text) <= 40 else text[:37] + "...")
+    """A cell as it stands in one line of a message; of a long one its beginning and its end, where names differ."""
+    return repr(text if len(text) <= 40 else f"{text[:8]}...{text[-29:]}")

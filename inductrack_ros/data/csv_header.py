@@ -65,7 +65,7 @@ def find_header(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
             stated = match[1]
             continue
         if match := COMMENT.match(text):
-            comment = _header(row, text[match.end() :], end, stated, inputs)
+            comment = _header(row, text[match.end() :], end, stated, inputs) if first is None else comment
             continue
         found = _header(row, text, end, stated, inputs)
         if best is not None and _is_below(found.names, best):
@@ -74,6 +74,8 @@ def find_header(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
             if comment is not None and comment.says_more_than(None):  # as numpy.savetxt writes it
                 return comment
             raise InputError(f"{file}, row {row}: no header; a row above must name the columns, e.g. time,surge,heave")
+        if first is None and comment is not None and _names_it(comment, found):
+            return comment
         first = first or found
         if found.says_more_than(best):
             best = found
@@ -151,6 +153,13 @@ def _header(row: int, text: str, end: int, stated: str, inputs: dict[str, str]) 
         time = known[TIME][0] if TIME in known else None
         rows.append(Header(row, text, separator, names, end, len(known), units, time))
     return max(rows, key=lambda h: (h.known, len(h.names) > 1))  # the first of equals
+
+
+def _names_it(comment: Header, row: Header) -> bool:
+    """Whether a comment is the header of the row below it, which is not all numbers: a cell for each name, a number
+    where the time should be."""
+    time = comment.time
+    return time is not None and len(row.names) == len(comment.names) > 1 and _is_below(row.names, comment)
 
 
 def _is_below(cells: list[str], header: Header) -> bool:

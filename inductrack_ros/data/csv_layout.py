@@ -41,6 +41,7 @@ class Layout:
     separator: str
     decimal: str
     cells: int
+    last: str  # what the header calls the last of them
     columns: tuple[Column, ...]
     first_row: int
     start: int  # byte at which that row begins
@@ -62,7 +63,7 @@ def find_layout(file: Path, data: bytes, inputs: dict[str, str], notes: list[str
     columns = _judge(f"{file}, row {header.row}", names, units, inputs, notes)
     decimal = _decimal(file, row, data, start, separator)
     again = re.compile(rb"(?mi)^" + re.escape(header.text.strip().encode()) + rb"[ \t\r]*$")
-    return Layout(separator, decimal, len(names), columns, row, start, again)
+    return Layout(separator, decimal, len(names), names[-1], columns, row, start, again)
 
 
 def _of_the_rows(header: Header, first: str, notes: list[str]) -> str:

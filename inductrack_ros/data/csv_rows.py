@@ -111,7 +111,8 @@ def _unquoted(file: Path, body: bytes, layout: Layout, separator: bytes) -> byte
 
 
 def _complete(file: Path, body: bytes, layout: Layout, separator: bytes, notes: list[str]) -> bytes:
-    """Judge the number of cells in each row: all may end with a separator more, the last one may be cut off."""
+    """Judge the number of cells in each row: all may end with a separator more, the last one may be cut off, the last
+    cell may be missing where nothing is read from it."""
     text = np.frombuffer(body, np.uint8)
     ends = np.flatnonzero(text == ord("\n"))
     starts = np.concatenate([[0], ends[:-1] + 1])
@@ -130,13 +131,32 @@ def _complete(file: Path, body: bytes, layout: Layout, separator: bytes, notes: 
     if first == last and cells[first] < layout.cells and used.sum() > 2:
         notes.append(f"the last row ({layout.first_row + first}) is cut off and left out")
         return body[: starts[first]]
+    if _lacks_the_last(body, layout, separator):
+        rows = "any row holds" if len(wrong) == used.sum() else "most rows hold"
+        notes.append(f"the header names one column more than {rows}: the last one, {shown(layout.last)}, is left out")
+        short = layout.cells - 2
+        return b"\n".join(
+            row + separator if row and row.count(separator) == short else row for row in body.split(b"\n")
+        )
     remedy = "complete the row or delete it"
     if len(wrong) == used.sum() > 1 and (cells[wrong] == cells[first]).all():
-        remedy = "as in all rows; name each column in the header"
+        few = cells[first] < layout.cells
+        remedy = "as in all rows; " + ("delete names that no column has" if few else "name each column in the header")
         if cells[first] >= 2 * layout.cells - 1 and separator == b",":
             remedy = "as in all rows; decimal commas need semicolons between the cells"
     counts = f"{cells[first]} cell{'' if cells[first] == 1 else 's'} where the header names {layout.cells}"
     raise InputError(f"{file}, row {layout.first_row + first}: {counts}; {remedy}")
+
+
+def _lacks_the_last(body: bytes, layout: Layout, separator: bytes) -> bool:
+    """Whether rows are a cell short because the last one, which is not read, is not written where it is empty: the
+    `Comment` of LabVIEW. Where other rows have a number there, a short one may have lost any of its cells."""
+    if any(column.place == layout.cells - 1 for column in layout.columns):
+        return False
+    rows = [row for row in body.split(b"\n") if row]
+    missing = {layout.cells - 1 - row.count(separator) for row in rows}
+    ends = (row.rpartition(separator)[2] for row in rows if row.count(separator) == layout.cells - 1)
+    return missing <= {0, 1} and all(number(end.decode(errors="replace")) is None for end in ends)
 
 
 def _trimmed(body: bytes, rows: NDArray[np.intp], starts: NDArray[np.intp], ends: NDArray[np.intp]) -> bytes:
