@@ -325,7 +325,8 @@ def test_rows_in_file_order_and_in_time(tmp_path):
         table(back)
     coarse = [f"{0.01 * (i // 10 * 10):.1f},{0.16 * i:.4f}" for i in range(300)]
     with pytest.raises(
-        InputError, match=r"row 3 repeats the stamp of row 2 with other values \(269 more such: .* enough digits"
+        InputError,
+        match=r"row 3 repeats the stamp of row 2 with other values \(269 more such\); about 10 rows .*too few digits",
     ):
         table(coarse)
 

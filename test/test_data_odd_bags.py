@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags as recorders, crashes and converters leave them: read, with a word about what is not as it should be."""
 
+import bz2
 import contextlib
+import gzip
+import lzma
+import re
 import shutil
 import sqlite3
 import struct
+import zipfile
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from test_data_bags import EPOCH, GOOD, NAN, POSE, RANGE, STORE, gap, imu, make, pose, poses, record, twist
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.state import COORDINATES
-from inductrack_ros.data import read_bag
+from inductrack_ros.data import read_bag, read_csv
 from inductrack_ros.data.mcap_salvage import zstd
 
 #: What Foxy and Humble write of one publisher.
@@ -459,3 +464,131 @@ def test_a_damaged_table_of_tables_is_one_line(tmp_path):
         file.write_bytes(whole[:at] + b"\x80" + whole[at + 1 :])
         with contextlib.suppress(InputError):
             read_bag(bag)
+
+
+# ---------------------------------------------------------------- what is in it and not used, and what cannot be so
+
+
+def test_two_types_under_one_name(tmp_path):
+    """Two publishers: only one of them publishes what is asked for, whichever publishes more."""
+    other = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    blank = [0.0] * 36
+    for plugin in StoragePlugin:
+        folder = tmp_path / plugin.name
+        with Writer(folder, version=9, storage_plugin=plugin) as writer:
+            ours, theirs = (writer.add_connection(GOOD, kind, typestore=STORE) for kind in (POSE, other))
+            for i, (_, message) in enumerate(poses(5)):
+                writer.write(ours, EPOCH + i, STORE.serialize_cdr(message, POSE))
+            for i, (_, message) in enumerate(poses(9)):
+                with_covariance = make("geometry_msgs/msg/PoseWithCovariance", message.pose, np.array(blank))
+                raw_bytes = STORE.serialize_cdr(make(other, message.header, with_covariance), other)
+                writer.write(theirs, EPOCH + i, raw_bytes)
+        run = read_bag(folder)
+        said = (
+            f"9 messages on {GOOD} are {other}, not {POSE} as the other 5: left out; give each type a topic of its own"
+        )
+        assert len(run.times) == 5 and said in run.notes and not any("damaged" in note for note in run.notes)
+
+
+@pytest.mark.parametrize(
+    ("pack", "suffix", "tool"), [(gzip, ".gz", "gunzip"), (bz2, ".bz2", "bunzip2"), (lzma, ".xz", "unxz")]
+)
+def test_a_storage_file_that_is_packed(tmp_path, pack, suffix, tool):
+    bag = record(tmp_path / "bag", {GOOD: poses()})
+    packed = bag / f"bag.mcap{suffix}"
+    packed.write_bytes(pack.compress((bag / "bag.mcap").read_bytes()))
+    assert len(read_bag(bag).times) == 3
+    (bag / "bag.mcap").unlink()
+    for _ in range(2):  # with metadata and without
+        with pytest.raises(InputError, match=rf"bag.mcap\{suffix}: is compressed; unpack it with `{tool}`"):
+            read_bag(bag)
+        (bag / "metadata.yaml").unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize(("form", "suffix", "tool"), [
+    ("zip", "zip", "unzip"), ("gztar", "tar.gz", "tar xzf"), ("bztar", "tar.bz2", "tar xjf"), ("tar", "tar", "tar xf"),
+])  # fmt: skip
+def test_a_folder_that_is_packed(tmp_path, form, suffix, tool):
+    record(tmp_path / "bag", {GOOD: poses()})
+    packed = shutil.make_archive(str(tmp_path / "packed"), form, tmp_path, "bag")
+    with pytest.raises(InputError, match=f"a packed folder; unpack it with `{tool} packed.{suffix}`, and name what"):
+        read_csv(packed)
+    with pytest.raises(InputError, match=f"is no bag but a packed folder; unpack it with `{tool}"):
+        read_bag(shutil.copy(packed, tmp_path / "run.mcap"))
+
+
+def test_a_workbook_is_no_packed_folder(tmp_path):
+    with zipfile.ZipFile(tmp_path / "run.csv", "w") as book:
+        book.writestr("xl/workbook.xml", "")
+    with pytest.raises(InputError, match="is no CSV but a workbook; save the sheet as CSV"):
+        read_csv(tmp_path / "run.csv")
+
+
+def test_text_that_is_named_as_a_bag(tmp_path):
+    (tmp_path / "run.mcap").write_text("time,surge\n0,1\n")
+    with pytest.raises(InputError, match=r"is no bag but text, whatever its name says; a table is read as run.csv"):
+        read_bag(tmp_path / "run.mcap")
+
+
+def test_damage_is_not_told_in_words_of_python(tmp_path):
+    """Bytes changed anywhere: whatever stumbles over them."""
+    file = record(tmp_path / "bag", {GOOD: poses(30)}) / "bag.mcap"
+    whole = file.read_bytes()
+    for at in range(60, len(whole) - 8, 97):
+        file.write_bytes(whole[:at] + b"\xff" * 8 + whole[at + 8 :])
+        try:
+            said = " ".join(read_bag(file).notes)
+        except InputError as error:
+            said = str(error)
+        assert not re.search(r"'int'|NoneType|object|unpack requires|index out of|codec", said), (at, said)
+
+
+def test_a_bag_within_a_bag_and_metadata_that_are_cut_off(tmp_path):
+    bag = record(tmp_path / "bag", {GOOD: poses()})
+    shutil.copytree(bag, bag / "copy")
+    assert read_bag(bag).notes == (
+        "copy in it holds a bag of its own, which is not used; list it as a run where it is one",
+    )
+    shutil.rmtree(bag / "copy")
+    metadata = (bag / "metadata.yaml").read_text()
+    (bag / "metadata.yaml").write_text(metadata[: metadata.index("  topics_with_message_count")])
+    (note,) = read_bag(bag).notes
+    assert note.startswith("metadata.yaml is cut off or not whole, it lacks") and "topics_with_message_count" in note
+
+
+def test_where_the_clock_did_not_run(tmp_path):
+    def notes(name, stamps):
+        messages = [pose(stamp, (0.1 * i, 0, 0, 0)) for i, stamp in enumerate(stamps)]
+        return read_bag(record(tmp_path / name, {GOOD: messages})).notes
+
+    good = [EPOCH + i * 2_000_000 for i in range(20)]
+    left = f"3 messages on {GOOD} stamped 0 left out: the clock did not run"
+    assert notes("first", [0] * 3 + good) == (f"{left} yet",)
+    assert notes("last", good + [0] * 3) == (f"{left} there (message 21 to message 23)",)
+    assert notes("some", [*good[:4], 0, *good[4:9], 0, 0, *good[9:]]) == (
+        f"{left} there (message 5 the first, message 12 the last)",
+    )
+    (said,) = notes("negative", [i * 2_000_000 - 5_000_000_000 for i in range(20)])
+    assert said.startswith(f"20 of 20 messages on {GOOD} are stamped before 1970")
+
+
+def test_stamps_that_many_share(tmp_path):
+    for name, stamps, says in (
+        ("seconds", [(EPOCH // 10**9 + i // 10) * 10**9 for i in range(40)], "all are whole seconds: .* nanosec"),
+        (
+            "blocks",
+            [EPOCH + i // 8 * 16_000_000 for i in range(40)],
+            r"about 8 messages share each stamp \(the stamp of a",
+        ),
+    ):
+        messages = [pose(stamp, (0.1 * i, 0, 0, 0)) for i, stamp in enumerate(stamps)]
+        with pytest.raises(InputError, match=says):
+            read_bag(record(tmp_path / name, {GOOD: messages}))
+
+
+def test_a_frame_that_changes_is_said(tmp_path):
+    messages = poses(6)
+    for _, message in messages[4:]:
+        message.header.frame_id = "odom"
+    (said,) = read_bag(record(tmp_path / "bag", {GOOD: messages})).notes
+    assert said == f"frame_id on {GOOD} changes from 'track' to 'odom' at message 5: one run is of one frame"

@@ -12,7 +12,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from rosbags.rosbag2 import Reader
 
 from ..core.errors import InputError, one_line
 from .bag_storage import METADATA, ROS1, SQLITE, head_of, storage_files
-from .file_kinds import kind_of
+from .file_kinds import is_text, kind_of
 from .mcap_salvage import MAGIC, salvage, zstd
 from .sqlite_files import tables_of, whole_database
 
@@ -73,14 +73,16 @@ class Bag:
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """Topic, log time (ns) and bytes of every message on these topics, file by file. Raises InputError for a
         damaged one."""
+        types = {name: self.topics[name].msgtype for name in names if name in self.topics}
         for file in self._files:
             with _saying_what_is_damaged(file):
-                yield from _messages(file, names)
+                yield from _messages(file, types)
 
 
 @contextlib.contextmanager
-def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a rosbag2 folder or one of its files; copies that are needed are gone at the end.
+def open_bag(path: Path, types: Collection[str] = ()) -> Iterator[Bag]:
+    """Open a rosbag2 folder or one of its files; copies that are needed are gone at the end. Where messages of several
+    types stand under one name, those of one of the ``types`` are meant, else the most.
 
     Raises InputError, naming bag and remedy, for what is no bag or is damaged beyond reading.
     """
@@ -89,12 +91,14 @@ def open_bag(path: Path) -> Iterator[Bag]:
             notes: list[str] = []
             given, promised = storage_files(path, notes)
             files = tuple(_readable(file, Path(folder, str(i)), notes) for i, file in enumerate(given))
-            topics: dict[str, Topic] = {}
+            parts: dict[tuple[str, str], Topic] = {}
             for file in files:
                 with _saying_what_is_damaged(file):
                     for topic in _topics(file):
-                        topics[topic.name] = topic.joined(topics.get(topic.name))
-            found = sum(t.count for t in topics.values())
+                        key = topic.name, topic.msgtype
+                        parts[key] = topic.joined(parts.get(key))
+            topics = _of_one_type(parts.values(), types, notes)
+            found = sum(t.count for t in parts.values())
             cut = [f.given.name for f in files if f.cut]
             if cut and not found:
                 raise InputError(
@@ -135,8 +139,10 @@ def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
     if not head:
         raise InputError(f"{file}: empty, the recording was cut off; record it again")
     if not head.startswith(MAGIC):
-        if what := kind_of(head):
+        if what := kind_of(file):
             raise InputError(f"{file}: is no bag but {what}")
+        if is_text(file):
+            raise InputError(f"{file}: is no bag but text, whatever its name says; a table is read as {file.stem}.csv")
         raise InputError(
             f"{file}: cannot be read as a rosbag2: it begins neither as MCAP nor as SQLite, damaged or cut off"
         )
@@ -206,6 +212,19 @@ def _topics(file: _File) -> Iterator[Topic]:
             yield Topic(c.topic, _as_of_ros2(c.msgtype), c.msgcount, *_offered(c))
 
 
+def _of_one_type(parts: Iterable[Topic], types: Collection[str], notes: list[str]) -> dict[str, Topic]:
+    """The topics by name, each of one type; what stands under its name besides is added to ``notes``."""
+    topics: dict[str, Topic] = {}
+    for topic in sorted(parts, key=lambda t: (t.msgtype in types and t.count > 0, t.count), reverse=True):
+        kept = topics.setdefault(topic.name, topic)
+        if kept is not topic and topic.count:
+            notes.append(
+                f"{topic.count} messages on {topic.name} are {topic.msgtype}, not {kept.msgtype} as the other"
+                f" {kept.count}: left out; give each type a topic of its own"
+            )
+    return topics
+
+
 def _as_of_ros2(msgtype: str) -> str:
     """`geometry_msgs/PoseStamped`, as converters write it, in the spelling of ROS 2."""
     package, slash, name = msgtype.partition("/")
@@ -222,12 +241,15 @@ def _offered(connection: Connection) -> tuple[bool, bool, int]:
     return lossy, latched, max(len(profiles), 1)
 
 
-def _messages(file: _File, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+def _messages(file: _File, types: Mapping[str, str]) -> Iterator[tuple[str, int, bytes]]:
+    """Topic, log time (ns) and bytes of the messages on the topics, each of the type that is given for it."""
     if file.by_record:
-        yield from ((channel.topic, time, data) for channel, time, data in salvage(file.path) if channel.topic in names)
+        for channel, time, data in salvage(file.path):
+            if types.get(channel.topic) == _as_of_ros2(channel.msgtype):
+                yield channel.topic, time, data
         return
     with Reader(file.path) as reader:
-        connections = [c for c in reader.connections if c.topic in names and c.msgcount]
+        connections = [c for c in reader.connections if types.get(c.topic) == _as_of_ros2(c.msgtype) and c.msgcount]
         if not connections:
             return
         # A message begins with 0, a compressed one does not.
@@ -245,4 +267,9 @@ def _saying_what_is_damaged(file: _File) -> Iterator[None]:
         raise
     except Exception as error:
         tool = "mcap recover" if head_of(file.path).startswith(MAGIC) else "sqlite3 .recover"
-        raise InputError(f"{file.given}: damaged ({one_line(error)}); copy it again or try `{tool}`") from None
+        raise InputError(f"{file.given}: damaged{said_of(error)}; copy it again or try `{tool}`") from None
+
+
+def said_of(error: Exception) -> str:
+    """What a reader says of a file, in brackets; nothing where damage only made its Python stumble."""
+    return "" if type(error).__module__ in ("builtins", "struct") else f" ({one_line(error)})"

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from .. import frames
-from ..core.errors import InputError, did_you_mean, one_line
+from ..core.errors import InputError, did_you_mean
 from ..core.state import FURTHER_SENSORS, GAPS, INSTRUMENTS
-from .bag_files import Bag
+from .bag_files import Bag, said_of
 from .measurement import Array
 from .message_fields import fields_of
 from .message_fields import read_field as field_of
@@ -61,7 +61,7 @@ def read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict[
             continue
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         for reading in mine:
-            reading.add(stamp, reading.extract(message))
+            reading.add(stamp, reading.extract(message), message.header.frame_id)
     return {r.key: r.stream(notes) for r in readings if r.count or r.key == "pose"}
 
 
@@ -132,7 +132,7 @@ def _decoded(readings: list[_Reading], raw: bytes) -> Any:
         try:
             message = _typestore(distribution).deserialize_cdr(raw, first.msgtype)
         except Exception as error:
-            said = said or one_line(error)
+            said = said or said_of(error)
             continue
         for reading in readings:
             reading.distribution = distribution
@@ -155,14 +155,19 @@ class _Reading:
         self.damaged, self.damage = 0, ""  # messages that cannot be decoded, and what is said of the first
         self._stamps, self._columns = array("q"), [array("d") for _ in COLUMNS[key]]
         self._pending = array("d")  # numbers that are not in the columns yet
+        self._frame = self._frame_changed = ""  # the frame_id of the first, and what is said where it changes
         self._lost = 0  # messages whose numbers are NaN or infinite
         self._blank = array("b")  # of poses: 1 where the orientation is 0
         self._wrong, self._off = 0, (0, 0.0)  # poses without a unit quaternion; number and length of the first
         self._askew = 0.0  # rad, the most that a pose is turned otherwise than by its roll
 
-    def add(self, stamp: int, numbers: tuple[float, ...]) -> None:
-        """Take a message's stamp (ns) and the numbers that `extract` gives."""
+    def add(self, stamp: int, numbers: tuple[float, ...], frame: str) -> None:
+        """Take a message's stamp (ns), the numbers that `extract` gives, and its frame_id."""
+        if not self.count:
+            self._frame = frame
         self.count += 1
+        if frame != self._frame and not self._frame_changed:
+            self._frame_changed = f"from '{self._frame}' to '{frame}' at message {self.count}"
         self._stamps.append(stamp)
         self._pending.extend(numbers)
         if len(self._pending) >= BLOCK * len(numbers):
@@ -186,6 +191,13 @@ class _Reading:
                 f"pitch and yaw on {self.topic}, up to {math.degrees(self._askew):.2g}°, are not used: the model has"
                 " none; x is along the travel, y left, z up"
             )
+        if self._frame_changed:
+            notes.append(f"frame_id on {self.topic} changes {self._frame_changed}: one run is of one frame")
+        if len(stamps) and stamps.min() < 0:
+            notes.append(
+                f"{np.count_nonzero(stamps < 0)} of {self.count} messages on {self.topic} are stamped before 1970: a"
+                " clock that was not set, or a time that is none"
+            )
         if self._lost:
             why = "NaN, infinite or out of the sensor's range" if self.key in GAPS else "NaN or infinite"
             notes.append(f"{self._lost} of {self.count} messages on {self.topic} are {why}: not measured")
@@ -208,10 +220,10 @@ class _Reading:
         of_all = f"{self.damaged} of {self.count + self.damaged} messages"
         if self.damaged > self.count:
             raise InputError(
-                f"{self.where}: {of_all} are no {self.msgtype} ({self.damage[:160]}); is it serialized as CDR?"
+                f"{self.where}: {of_all} are no {self.msgtype}{self.damage[:160]}; is it serialized as CDR?"
                 f"{self._or_leave_out()}"
             )
-        notes.append(f"{of_all} on {self.topic} are damaged and left out ({self.damage[:80]})")
+        notes.append(f"{of_all} on {self.topic} are damaged and left out{self.damage[:100]}")
 
     def _measured(
         self, stamps: NDArray[np.int64], columns: list[Array], numbers: NDArray[np.int32], notes: list[str]

@@ -11,11 +11,14 @@ from typing import Any
 from ..core.errors import InputError
 from ..core.paths import missing
 from ..core.yaml_files import read_yaml
+from .file_kinds import kind_of
 from .mcap_salvage import MAGIC
 
 METADATA = "metadata.yaml"
 SQLITE, ROS1 = b"SQLite format 3\0", b"#ROSBAG V"
 _PACKED = (".zstd", ".zst")
+#: What every recorder writes into the metadata.
+_PROMISED = ("duration", "starting_time", "message_count", "topics_with_message_count")
 
 
 def is_bag(path: Path) -> bool:
@@ -70,6 +73,10 @@ def storage_files(path: Path, notes: list[str]) -> tuple[list[Path], int]:
         has_metadata = (path / METADATA).is_file()
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if inside and (inner := [p for p in sorted(path.iterdir()) if storage_inside(p)]):
+        notes.append(
+            f"{_names(inner)} in it holds a bag of its own, which is not used; list it as a run where it is one"
+        )
     named, promised = _metadata(path / METADATA, notes) if has_metadata else ([], 0)
     files = _named(path, named, inside, notes) or _found(path, inside, notes)
     if len(files) > 1 and (empty := [p.name for p in files if not p.stat().st_size]) and len(empty) < len(files):
@@ -86,6 +93,8 @@ def _named(path: Path, names: list[str], inside: list[Path], notes: list[str]) -
         for name in names
     ]
     missing = [p.name for p in files if not p.is_file()]
+    for name in missing:
+        _refuse_packed(path, name)
     if missing and len(missing) == len(files) and inside:
         notes.append(f"{METADATA} is not used: it names {missing[0]}, which is not there")
         return []
@@ -105,6 +114,7 @@ def _found(path: Path, inside: list[Path], notes: list[str]) -> list[Path]:
         ros1 = next(iter(sorted(path.glob("*.bag*"))), None)
         if ros1 is not None:
             return [ros1]
+        _refuse_packed(path)
         held = _names(sorted(path.iterdir())[:3])
         bags = [p for p in sorted(path.iterdir()) if storage_inside(p)]
         if bags:
@@ -131,6 +141,16 @@ def _found(path: Path, inside: list[Path], notes: list[str]) -> list[Path]:
     return files
 
 
+def _refuse_packed(folder: Path, name: str = "") -> None:
+    """Raise InputError where a storage file, of this name or any, is in the folder, but packed in a way that is not
+    read."""
+    for file in sorted(folder.iterdir()):
+        stem = Path(file.stem)
+        storage = stem.name == name if name else stem.suffix in (".mcap", ".db3")
+        if storage and file.is_file() and (what := kind_of(file)) and "unpack" in what:
+            raise InputError(f"{file}: is {what}")
+
+
 def _metadata(file: Path, notes: list[str]) -> tuple[list[str], int]:
     """Names of the storage files and number of messages; none and 0 where the metadata cannot be read."""
     try:
@@ -138,6 +158,8 @@ def _metadata(file: Path, notes: list[str]) -> tuple[list[str], int]:
         information = written["rosbag2_bagfile_information"]
         names = [PurePath(name).name for name in information["relative_file_paths"]]
         count = information.get("message_count", 0)
+        if lacks := [key for key in _PROMISED if key not in information]:
+            notes.append(f"{METADATA} is cut off or not whole, it lacks {', '.join(lacks)}: the files themselves count")
         return names, count if isinstance(count, int) and not isinstance(count, bool) else 0
     except (InputError, KeyError, TypeError, AttributeError):
         notes.append(f"{METADATA} cannot be read and is not used")

@@ -71,7 +71,7 @@ def read_bag(
     for key in topics:
         if key not in TYPES:
             raise InputError(f"{path}: topics: unknown key '{key}'{did_you_mean(key, TYPES)}")
-    with open_bag(path) as bag:
+    with open_bag(path, TYPES.values()) as bag:
         wanted = _choose(path, topics, bag.topics)
         notes = [*bag.notes, *_left_out(topics, wanted, bag.topics, inputs or {})]
         notes += [

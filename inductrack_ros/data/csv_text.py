@@ -51,7 +51,7 @@ def read_text(file: Path, notes: list[str]) -> bytes:
         data = file.read_bytes()
     except (OSError, ValueError) as error:
         raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if what := kind_of(data[:HEAD]):
+    if what := kind_of(file):
         raise InputError(f"{file}: is no CSV but {what}")
     data = _utf8(file, data, notes)
     if len(_BINARY.findall(data[:HEAD])) > 2 or b"\0" in data and b"\n" not in data.rstrip(b"\0"):

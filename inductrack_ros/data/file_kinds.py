@@ -3,8 +3,19 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+#: Bytes by which a file is told.
+HEAD = 4096
+
 _KINDS = (
-    (b"PK\x03\x04", "a workbook or an archive; save the sheet as CSV"),
     (b"\xd0\xcf\x11\xe0", "an Excel workbook; save the sheet as CSV"),
     (b"\x1f\x8b", "compressed; unpack it with `gunzip`"),
     (b"BZh", "compressed; unpack it with `bunzip2`"),
@@ -29,7 +40,59 @@ _KINDS = (
 )
 
 
-def kind_of(head: bytes) -> str:
-    """What a file is that begins so, and what to do with it; empty where that is not known."""
+_ZIP = b"PK\x03\x04"
+#: How packed files begin, what opens them, and what unpacks a folder that was packed so.
+_PACKED = ((b"\x1f\x8b", gzip.open, "tar xzf"), (b"BZh", bz2.open, "tar xjf"), (b"\xfd7zXZ", lzma.open, "tar xJf"))
+#: What a folder packed with tar has at byte 257.
+_TAR = b"ustar"
+
+
+def kind_of(file: Path) -> str:
+    """What a file is, and what to do with it; empty where that is not known. Raises OSError where it cannot be read."""
+    head = _head(file)
     text = head.lstrip()
+    if head.startswith(_ZIP):
+        return _of_zip(file)
+    if head[257:].startswith(_TAR):
+        return f"a packed folder; unpack it with `tar xf {file.name}`, and name what is in it"
+    for magic, opened, unpacking in _PACKED:
+        if head.startswith(magic) and _unpacked(file, opened)[257:].startswith(_TAR):
+            return f"a packed folder; unpack it with `{unpacking} {file.name}`, and name what is in it"
     return next((what for magic, what in _KINDS if head.startswith(magic) or text.startswith(magic)), "")
+
+
+def is_text(file: Path) -> bool:
+    """Whether a file begins as text in UTF-8."""
+    try:
+        head = _head(file).decode("utf-8")
+    except UnicodeDecodeError as error:
+        head = _head(file)[: error.start].decode("utf-8") if error.start > HEAD - 4 else ""
+    return bool(head) and all(c.isprintable() or c.isspace() for c in head)
+
+
+def _head(file: Path) -> bytes:
+    with file.open("rb") as stream:
+        return stream.read(HEAD)
+
+
+def _unpacked(file: Path, opened: Callable[..., BinaryIO]) -> bytes:
+    """The first bytes of what is packed in a file; none where it is damaged."""
+    try:
+        with opened(file, "rb") as stream:
+            return stream.read(HEAD)
+    except (EOFError, ValueError, OSError, zlib.error, lzma.LZMAError):
+        return b""
+
+
+def _of_zip(file: Path) -> str:
+    """A workbook is a ZIP file too."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, ValueError, OSError):
+        names = []
+    if any(name.startswith(("xl/", "content.xml", "Index/")) for name in names):
+        return "a workbook; save the sheet as CSV"
+    if not names:
+        return "a workbook or an archive; save the sheet as CSV, or unpack it with `unzip`"
+    return f"a packed folder; unpack it with `unzip {file.name}`, and name what is in it ({', '.join(names[:3])})"

@@ -57,7 +57,7 @@ def in_order(
     zero = stamps == 0
     if zero.any() and _before_the_clock(stamps[~zero], second):
         index = index[~zero]
-        notes.append(f"{place.counted(int(zero.sum()))} stamped 0 left out: the clock did not run yet")
+        notes.append(f"{place.counted(int(zero.sum()))} stamped 0 left out: {_when(np.flatnonzero(zero), place)}")
     if len(index) > 2 and (np.diff(stamps[index]) < 0).all():
         index = index[::-1]
         notes.append(f"{place.counted(len(index))} filed last first turned round")
@@ -86,11 +86,30 @@ def in_order(
     same = np.flatnonzero(np.diff(stamps[index]) == 0)
     if len(same):
         earlier, later = place.name(int(index[same[0]])), place.name(int(index[same[0] + 1]))
-        more = f" ({len(same) - 1} more such: are the times written with enough digits?)" if len(same) > 1 else ""
-        raise InputError(
-            f"{place.where}: {later} repeats the stamp of {earlier} with other values{more}; {place.remedy}"
-        )
+        more = f" ({len(same) - 1} more such)" if len(same) > 1 else ""
+        remedy = _why_the_same(stamps[index], len(same), second, place) or place.remedy
+        raise InputError(f"{place.where}: {later} repeats the stamp of {earlier} with other values{more}; {remedy}")
     return index, notes
+
+
+def _when(zero: NDArray[np.intp], place: Place) -> str:
+    """What is said of stamps of 0, by where the samples (indices, as filed) stand."""
+    if zero[-1] == len(zero) - 1:
+        return "the clock did not run yet"
+    first, last = place.name(int(zero[0])), place.name(int(zero[-1]))
+    span = f"{first} to {last}" if zero[-1] - zero[0] == len(zero) - 1 else f"{first} the first, {last} the last"
+    return f"the clock did not run there ({span})"
+
+
+def _why_the_same(stamps: Array | NDArray[np.int64], same: int, second: float, place: Place) -> str:
+    """The cause and the remedy where many samples share their stamps (n,); ``same``: how many do with one before."""
+    if 2 * same < len(stamps):
+        return ""
+    if not (stamps % second).any():
+        return "all are whole seconds: write the fractions too (of a header stamp, nanosec)"
+    each = len(stamps) / (len(stamps) - same)
+    cause = "the stamp of a block?" if stamps.dtype.kind == "i" else "too few digits?"
+    return f"about {each:.0f} {place.kind}s share each stamp ({cause}); give each its own time"
 
 
 def _once(
