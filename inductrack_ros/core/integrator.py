@@ -371,6 +371,19 @@ def linearise_pieces(times, x, offsets, P, on, moving, origin, averaged, pt, pp,
                 ends[k, job, i] = state[i]
 
 
+def observe_touching(t, x, P, on, groups, moving, touching, origin, averaged, pulse, dx, q):
+    """`observe` without details, contact decided from the state itself."""
+    touches_now = False
+    for i in range(3):
+        touching[i] = False
+    observe(t, x, P, on, groups, moving, touching, origin, averaged, pulse, dx, q, False)
+    for i in range(3):
+        touching[i] = touches(i, P, q)
+        touches_now = touches_now or touching[i]
+    if touches_now:
+        observe(t, x, P, on, groups, moving, touching, origin, averaged, pulse, dx, q, False)
+
+
 def forced_pieces(times, x, P, on, moving, origin, averaged, pulses, pt, pp, pc, outputs, changes):
     """What `linearise_pieces` gives, from the forces at both ends of each piece instead of an integration: for effects
     without states, outside contact.
@@ -385,37 +398,26 @@ def forced_pieces(times, x, P, on, moving, origin, averaged, pulses, pt, pp, pc,
         span = times[min(k + 1, last)] - times[k]
         pulse = current(times[k], x[k, 0], P[0], averaged, pt, pp, pc, 0)
         for job in range(P.shape[0]):
-            derivative(times[k], x[k], P[job], on, groups, moving, touching, origin, averaged, pulse, dx, q, False)
+            row = outputs[k, job]
+            observe_touching(times[k], x[k], P[job], on, groups, moving, touching, origin, averaged, pulse, dx, q)
             for i in range(8):
-                outputs[k, job, i] = x[k, i]
+                row[i] = x[k, i]
             for i in range(3):
-                outputs[k, job, 8 + i] = q[i]
+                row[8 + i] = q[i]
             for i in range(4):
-                outputs[k, job, 11 + i] = dx[4 + i]
+                row[11 + i] = dx[4 + i]
             if outputs.shape[2] > MOTION:
                 observe(
                     times[k], x[k], P[job], on, groups, moving, touching, origin, averaged, pulse, dx[:N_STATES], q,
                     True,
                 )  # fmt: skip
                 for i in range(outputs.shape[2] - MOTION):
-                    outputs[k, job, MOTION + i] = q[FURTHER + i]
+                    row[MOTION + i] = q[FURTHER + i]
             for end in range(2):
                 at = min(k + end, last)
                 if end == 1 or pt.size > 0:
-                    derivative(
-                        times[at],
-                        x[at],
-                        P[job],
-                        on,
-                        groups,
-                        moving,
-                        touching,
-                        origin,
-                        averaged,
-                        pulses[k],
-                        dx,
-                        q,
-                        False,
+                    observe_touching(
+                        times[at], x[at], P[job], on, groups, moving, touching, origin, averaged, pulses[k], dx, q
                     )
                 for i in range(4):
                     place, rate = (span * span / 6.0, 0.5 * span) if end == 1 else (span * span / 3.0, 0.5 * span)

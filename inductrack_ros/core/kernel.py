@@ -158,6 +158,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         "slope",
         "observe",
         "see_further",
+        "observe_touching",
         "step",
         "carried_error",
         "sticks",

@@ -114,8 +114,8 @@ def sought(
     wanted = [n for n in names(problem, fit.structure) if n not in (WAVES, *somewhere, *at_once)]
     parameters = {n: known[n.partition(":")[0]].parameters for n in wanted}
     candidates = {n: Candidate(n, n, {}, len(parameters[n])) for n in wanted}
-    pulses = columns.mean_pulses(problem, fit, systems)
-    parts = columns.of_parameters(problem, fit, [n for n in wanted if parameters[n]], pulses)
+    told = columns.told_by_forces(problem, fit)
+    parts = columns.of_parameters(problem, fit, [n for n in wanted if parameters[n]], told)
     parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not parameters[n]}
     follows = wavy and not fit.exact  # a plant that nothing shakes does not follow its readings
     for n, start in at_once.items():
@@ -127,7 +127,7 @@ def sought(
             candidates[candidate.label], parts[candidate.label] = candidate, part
     covered = placed.ranges([outputs_of(problem, fit, i) for i in range(len(problem.runs))]) if somewhere else {}
     for name in somewhere:
-        for candidate, part in _placed(problem, fit, systems, name, covered, pulses):
+        for candidate, part in _placed(problem, fit, systems, name, covered, told):
             candidates[candidate.label], parts[candidate.label] = candidate, part
     return candidates, parts
 
@@ -210,7 +210,7 @@ def _placed(
     systems: Sequence[LinearRun],
     name: str,
     covered: Mapping[str, tuple[float, float]],
-    pulses: Sequence[np.ndarray | None],
+    told: Sequence[columns.Told],
 ) -> list[tuple[Candidate, list[Columns]]]:
     """An effect at the best few of the starts that it declares for runs that cover these ranges: it shows nothing of
     them while it vanishes."""
@@ -228,7 +228,7 @@ def _placed(
 
         def one(i: int) -> Columns:
             path = columns.carried(problem, wide, i, fit.paths[i]) if item.states else fit.paths[i]
-            means = None if columns.needs_integration(item) else pulses[i]
+            means = None if columns.needs_integration(item) else told[i]
             return columns.differences(problem, wide, i, path, thetas, steps, fit.model.active_states, means)
 
         every, edges = problem.for_runs(one), np.cumsum([0] + [len(asked.of(k)) for k in starts])
@@ -237,8 +237,8 @@ def _placed(
     promised = np.empty(len(asked.starts))
     for some in np.array_split(np.arange(len(promised)), max(1, -(-len(asked.rows) // AT_ONCE))):
         wanted = {str(k): parts for k, parts in zip(some, columns_of(some.tolist()), strict=True)}
-        told = scores(problem, fit, wanted, systems, shares=TWO_SHARES)
-        promised[some] = [told.expected([str(k)]).deviance for k in some]
+        of_some = scores(problem, fit, wanted, systems, shares=TWO_SHARES)
+        promised[some] = [of_some.expected([str(k)]).deviance for k in some]
     best = np.argsort(promised, kind="stable")[:WAVE_STARTS].tolist()
     found = []
     for k, parts in zip(best, columns_of(best), strict=True):

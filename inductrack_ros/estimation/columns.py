@@ -4,39 +4,47 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..core.effects import Effect
 from ..core.kernel import QUANTITIES
 from ..core.state import INDEX
-from .kalman import Columns, LinearRun
-from .linear import THETA_STEP, forced, mean_pulse, next_state, pieces, read
+from .kalman import Columns
+from .linear import THETA_STEP, forced, mean_pulse, near_track, next_state, pieces, read
 from .problem import Problem
 from .shooting import Fit
 from .structure import Structure
 
 
-def mean_pulses(problem: Problem, fit: Fit, systems: Sequence[LinearRun]) -> list[np.ndarray | None]:
-    """`linear.mean_pulse` of each run; None for a run that touches the track, where forces at the nodes do not tell
-    what happens between them."""
+@dataclass(frozen=True)
+class Told:
+    """Where the forces at a run's nodes tell what happens between them: not where the cradle is ``touching`` (n,) the
+    track, but for where they are the same. ``pulses`` (n,) as `linear.mean_pulse` gives them."""
+
+    pulses: np.ndarray
+    touching: np.ndarray
+
+
+def told_by_forces(problem: Problem, fit: Fit) -> list[Told]:
+    """`Told` of each run along a fit's trajectories."""
     structure, none = Structure(fit.model, ()), np.zeros(0)
 
-    def one(i: int) -> np.ndarray | None:
-        return None if systems[i].touching.any() else mean_pulse(problem, structure, i, none, fit.paths[i])
+    def one(i: int) -> Told:
+        path = fit.paths[i]
+        return Told(mean_pulse(problem, structure, i, none, path), near_track(problem, structure, i, path))
 
     return problem.for_runs(one)
 
 
-def of_parameters(
-    problem: Problem, fit: Fit, effects: Sequence[str], pulses: Sequence[np.ndarray | None]
-) -> dict[str, list[Columns]]:
+def of_parameters(problem: Problem, fit: Fit, effects: Sequence[str], told: Sequence[Told]) -> dict[str, list[Columns]]:
     """By effect, what each of its parameters would do to every run where the effect vanishes, in typical sizes;
-    ``pulses`` as `mean_pulses` gives them."""
+    ``told`` as `told_by_forces` gives it."""
     known = fit.model.known_effects
     integrated = [n for n in effects if needs_integration(known[n.partition(":")[0]])]
     found = {}
-    for names, means in ((integrated, [None] * len(pulses)), ([n for n in effects if n not in integrated], pulses)):
+    for names, means in ((integrated, [None] * len(told)), ([n for n in effects if n not in integrated], told)):
         wide = Structure(fit.model, ())
         for name in names:
             wide = wide.plus(name)
@@ -72,23 +80,41 @@ def differences(
     thetas: np.ndarray,
     steps: np.ndarray,
     active: np.ndarray,
-    pulses: np.ndarray | None = None,
+    told: Told | None = None,
 ) -> Columns:
     """Changes of a run's pieces and readings from the first row of thetas (1 + p, g) to each other one, over its step
     (p,).
 
-    The pieces are integrated, or, with ``pulses`` (`linear.mean_pulse`), told from the forces at their ends."""
-    data = problem.runs[i]
-    if pulses is None:
-        outputs, ends = pieces(problem, structure, i, thetas, np.zeros((len(thetas), path.shape[1])), path)
+    The pieces are integrated, or ``told`` from the forces at their ends where these tell."""
+    data, still = problem.runs[i], np.zeros((len(thetas), path.shape[1]))
+    if told is None:
+        outputs, ends = pieces(problem, structure, i, thetas, still, path)
     else:
-        outputs, changes = forced(problem, structure, i, thetas, path, pulses)
+        outputs, changes = forced(problem, structure, i, thetas, path, told.pulses)
         ends = np.zeros((*changes.shape[:2], path.shape[1]))
         ends[:, :, :8] = changes
+        differ = _differ(outputs, changes)
+        for a, b in stretches(told.touching & differ.any(axis=1)):
+            jobs = np.append(0, np.flatnonzero(differ[a:b].any(axis=0)))
+            flown = pieces(problem, structure, i, thetas[jobs], still[jobs], path, slice(a, b + 1))
+            for known, found in zip((outputs, ends), flown, strict=True):
+                known[a:b] = found[: b - a, :1]
+                known[a:b, jobs] = found[: b - a]
     inputs = ((ends[:, 1:] - ends[:, :1]) / steps[:, None]).transpose(0, 2, 1)[:, active]
     readings = read(problem, structure, i, outputs, thetas)
     change = (readings[1:] - readings[0]).T / steps / problem.sigma[data.channel][:, None]
     return Columns(np.nan_to_num(inputs), np.nan_to_num(change))
+
+
+def _differ(outputs: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Whether the forces at a node or the next are others in a job than in the first, (n, jobs)."""
+    return (outputs != outputs[:, :1]).any(axis=2) | (changes != changes[:, :1]).any(axis=2)
+
+
+def stretches(which: np.ndarray) -> list[tuple[int, int]]:
+    """First node of each stretch of those that are meant (n,), and the one behind its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def of_switch(problem: Problem, fit: Fit, name: str, values: Mapping[str, float] | None = None) -> list[Columns]:

@@ -131,6 +131,13 @@ def _touching(model: Model, outputs: np.ndarray) -> np.ndarray:
     return near | np.append(near[1:], False)
 
 
+def near_track(problem: Problem, structure: Structure, i: int, path: np.ndarray) -> np.ndarray:
+    """Whether the cradle touches the track at a node of a trajectory (n, N) of run i or at the next, (n,)."""
+    none = np.zeros((1, len(structure.free)))
+    outputs, _ = forced(problem, structure, i, none, path, np.zeros(len(path)))
+    return _touching(structure.model, outputs[:, 0])
+
+
 def _kinds(structure: Structure) -> tuple[list[int], list[int], list[int]]:
     """Indices in theta of the plant's single parameters, of the sensors' and of the tables' entries."""
     tabled = sorted(k for mine in structure.tables.values() for k in mine)
@@ -215,16 +222,23 @@ def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.nda
 
 
 def pieces(
-    problem: Problem, structure: Structure, i: int, thetas: np.ndarray, offsets: np.ndarray, path: np.ndarray
+    problem: Problem,
+    structure: Structure,
+    i: int,
+    thetas: np.ndarray,
+    offsets: np.ndarray,
+    path: np.ndarray,
+    some: slice = slice(None),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's
-    offsets and theta."""
+    offsets and theta; or at ``some`` neighbouring nodes, of which the last is no piece."""
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, thetas)
-    outputs, ends = np.empty((len(path), len(offsets), problem.width)), np.empty((len(path), *offsets.shape))
+    grid, nodes = data.grid[some], np.ascontiguousarray(path[some])
+    outputs, ends = np.empty((len(nodes), len(offsets), problem.width)), np.empty((len(nodes), *offsets.shape))
     model.kernel.linearise_pieces(
-        data.grid, np.ascontiguousarray(path), offsets, P, model.switches, model.moving, float(path[0, 0]),
-        data.averaged, *data.pulses, 1.0, outputs, ends,
+        grid, nodes, offsets, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
+        outputs, ends,
     )  # fmt: skip
     return outputs, ends
 
