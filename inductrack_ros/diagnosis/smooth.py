@@ -21,8 +21,12 @@ RATES = 4
 
 @dataclass(frozen=True)
 class Smooth:
-    """A table's values (l,), what is wanted of them before the data, twice the log evidence it promises over none, and
-    ``occam``, the part of the fall in χ² that its freedom alone would have bought."""
+    """A table of a force.
+
+    - values: (l,); smoothness: what is wanted of them before the data
+    - promise: twice the log evidence over no table
+    - occam: the part of the fall in χ² that its freedom alone would have bought
+    """
 
     values: np.ndarray
     smoothness: Smoothness
@@ -31,8 +35,8 @@ class Smooth:
 
 
 def smoothest_of(gram: np.ndarray, score: np.ndarray, samples: int, swings: bool = False) -> Smooth:
-    """The table that explains a residual best, from the normal equations (l, l) and (l,) of what each value does to
-    ``samples`` measurements over noise; with ``swings`` it may as well be near to an oscillation as to a straight line.
+    """The table that explains a residual best, from the normal equations (l, l) and (l,) of its values over noise, told
+    by ``samples`` measurements. With ``swings`` it may as well be near to an oscillation as to a straight line.
 
     Before the data, a value is known as well as one average measurement would tell it (unit information prior, Kass and
     Wasserman 1995). So the price of a table hangs neither on units nor on the size of the rig."""

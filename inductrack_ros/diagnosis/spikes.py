@@ -23,8 +23,8 @@ HALF = 0.6745
 
 
 def outlying(problem: Problem, base: Fit, campaign: Campaign, before: Sequence[Finding] = ()) -> tuple[Finding, ...]:
-    """Single readings that no noise and no motion explains, by channel: far from what all other readings say of them,
-    while those before and after are not; with those found ``before``, which the fit did not see any more.
+    """Single readings that no noise and no motion explains, by channel, and those found ``before``, which the fit did
+    not see any more. Such a reading is far from what all others say of it, while those before and after are not.
 
     The numbers of the samples are those in ``campaign``."""
     systems = linearise_all(problem, base)

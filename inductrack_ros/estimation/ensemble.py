@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -45,15 +45,7 @@ def ensemble(
     if model.drive != "averaged":
         raise InputError("ensemble: only for drive: averaged; simulate runs by pulses one by one")
     given, known = parameters or {}, model.kernel.parameters
-    columns = {name: known.index(name) for name in given if name in known}
-    for name, values in given.items():
-        if name not in columns:
-            raise InputError(f"ensemble: unknown parameter '{name}'{did_you_mean(name, known)}")
-        if np.shape(values) != (len(states),):
-            raise InputError(
-                f"ensemble: {name} has shape {np.shape(values)}; give one value for each of the {len(states)} runs"
-            )
-
+    columns = _columns(given, known, len(states))
     lanes = model.lanes if len(states) >= (MANY_WITH_EFFECTS if model.switches.any() else MANY) else None
     if lanes is not None:
         asked = [known.index(name) for name in lanes.parameters]
@@ -84,3 +76,15 @@ def ensemble(
 
     rows = [slice(i, i + CHUNK) for i in range(0, len(states), CHUNK)]
     return np.concatenate((workers or Threads()).map(task, rows))
+
+
+def _columns(given: Mapping[str, np.ndarray], known: Sequence[str], runs: int) -> dict[str, int]:
+    """Where the parameters stand of which each run has a value of its own. Raises `InputError` for others."""
+    for name, values in given.items():
+        if name not in known:
+            raise InputError(f"ensemble: unknown parameter '{name}'{did_you_mean(name, known)}")
+        if np.shape(values) != (runs,):
+            raise InputError(
+                f"ensemble: {name} has shape {np.shape(values)}; give one value for each of the {runs} runs"
+            )
+    return {name: known.index(name) for name in given}

@@ -78,9 +78,12 @@ class Expected:
 
 @dataclass(frozen=True)
 class TableBeside:
-    """A table beside c columns of something known, all nuisance projected out: the deviance without the table, its
-    normal equations (l, l) and (l,), the columns' coefficients (c,) without it and by how much each of its values
-    lowers them (c, l)."""
+    """A table beside c columns of something known, all nuisance projected out.
+
+    - deviance: without the table
+    - gram, score: the normal equations (l, l) and (l,) of its values
+    - size: the columns' coefficients (c,) without it; moves: by how much each of its values lowers them (c, l)
+    """
 
     deviance: float
     gram: np.ndarray

@@ -46,8 +46,11 @@ QUIET, FLOWN_STEPS = 1e-8, 15
 class Fit:
     """A structure fitted by multiple shooting.
 
-    theta (g,), a trajectory (n, N) for each run, the power (4,) of the disturbances, the deviance (twice the negative
-    log likelihood), χ² of the innovations, the covariance of theta (g, g), and where each run is in contact (n,)."""
+    - theta: (g,); covariance: of theta, (g, g)
+    - paths: a trajectory (n, N) for each run; touching: where each is in contact (n,)
+    - power: of the disturbances, (4,)
+    - deviance: twice the negative log likelihood; chi2: of the innovations
+    """
 
     structure: Structure
     theta: np.ndarray
@@ -254,9 +257,14 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
 
 @dataclass(frozen=True)
 class Step:
-    """A Gauss–Newton step: the evidence before it, the ``point`` it leads to with its likeliest disturbances, the
-    ``deviance`` there, where to go on from (``next``), where each run touched the track (n,), and by how much other
-    variances would lower the deviance (``to_gain``)."""
+    """A Gauss–Newton step.
+
+    - evidence: before it
+    - point: where it leads to, with its likeliest disturbances; deviance: there
+    - next: where to go on from
+    - touching: where each run touched the track (n,)
+    - to_gain: by how much other variances would lower the deviance
+    """
 
     evidence: Evidence
     point: Point
