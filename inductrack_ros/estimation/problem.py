@@ -2,7 +2,8 @@
 """Predictions, residuals and their derivatives for all runs of a campaign, in batches of compiled simulations.
 
 Each run is simulated from its own initial state to its end (single shooting). The fit lengthens the horizon step by
-step: else powered runs with their unstable balance speed, and impacts, would derail it. All perturbations of one run are one batch; runs are spread over threads, for the compiled code releases the interpreter.
+step: else powered runs with their unstable balance speed, and impacts, would derail it. All perturbations of one run
+are one batch; runs are spread over threads, for the compiled code releases the interpreter.
 """
 
 from __future__ import annotations
