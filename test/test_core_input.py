@@ -34,7 +34,7 @@ BROKEN = {
     "monstrous integer": ("mass: 1" + "0" * 5000 + "\n", "not valid YAML"),
     "text": ("mass: heavy\n", "mass = 'heavy' is not a number"),
     "a truth": ("mass: yes\n", "mass = True is not a number"),
-    "nothing": ("mass:\n", "mass = None is not a number"),
+    "nothing": ("mass:\n", "mass has no value"),
     "a date": ("mass: 2026-11-22\n", "mass = datetime.date.* is not a number"),
     "no date": ("mass: 2026-99-99\n", "not valid YAML"),
     "a list": ("mass: [9.3]\n", r"mass = \[9.3\] is not a number"),

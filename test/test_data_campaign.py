@@ -24,6 +24,8 @@ def folder(tmp_path):
     write_bag(rig / "coast", [0.0, 0.1], states)
     write_bag(rig / "launch", [0.0, 0.1], states, pulses=Pulses(np.zeros(1), np.array([3]), np.array([7000.0])))
     (rig / "rig.yaml").write_text("eta: 0.7\n")
+    for name in ("run #1.csv", "la\u0308uft.csv"):  # the ä as macOS writes it
+        (rig / name).write_text("time,surge,heave\n0,0,-0.005\n0.1,1.5,-0.004\n")
     return rig
 
 
@@ -121,6 +123,31 @@ BROKEN = {
     "no file": ("runs:\n- drive_current: 0\n", r"line 2: runs\[0\]: file must be text, not nothing"),
     "file a number": ("runs:\n- file: 17\n", "file must be text, not 17; put it in quotes"),
     "file missing": (RUNS + "- {file: run_09.csv, drive_current: 0}", r"line 3: runs\[1\]: .*run_09.csv: no such file"),
+    "a blank that is none": (
+        "name:\u00a0rig\nruns:\n- {file: run_00.csv, drive_current: 0}\n",
+        "line 1 holds a blank that is",
+    ),
+    "a comment in a name": (
+        "runs:\n- {file: run #1.csv, drive_current: 0}\n- {file: run_00.csv, drive_current: 0}\n",
+        "in line 2, a # behind a blank begins a comment: put the name in quotes",
+    ),
+    "a name cut off by a comment": ("runs:\n- file: run #1.csv\n  drive_current: 0\n", "a # behind a blank begins a"),
+    "a pattern without quotes": (
+        "runs:\n- {file: *.csv, drive_current: 0}\n",
+        r"in line 2, put what begins with \* in",
+    ),
+    "a key on its own": (
+        "runs:\n- file: run_00.csv\n- drive_current: 0\n",
+        r"line 3: runs\[1\]: has no file; where drive_current belongs to the run above it, write it without -",
+    ),
+    "keys indented otherwise": (
+        "runs:\n- file: run_00.csv\n drive_current: 0\n",
+        "the keys of one entry must be indented alike",
+    ),
+    "letters with marks in two ways": (
+        "runs:\n- {file: l\u00e4uft.csv, drive_current: 0}\n",
+        "a file that looks the same is there",
+    ),
     "file too long": (f"runs:\n- file: {'x' * 5000}\n", "no such file"),
     "unknown run key": ("runs:\n- {file: run_00.csv, current: 7000}", r"line 2: runs\[0\]: unknown key 'current'"),
     "duplicate": (RUNS + "- {file: ./run_00.csv, drive_current: 0}", r"line 3: runs\[1\]: .*listed twice"),

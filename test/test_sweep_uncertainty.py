@@ -61,7 +61,7 @@ def test_a_node_loads_it(tmp_path):
         "import sys, rclpy\nfrom inductrack_ros.nodes.overrides import readable\nwith readable(sys.argv) as (given,"
         " found):\n    rclpy.init(args=given)\n    node = rclpy.create_node('sim', namespace='/inductrack',"
         " automatically_declare_parameters_from_overrides=True)\n    print(node.get_parameter('eta').value,"
-        " found.unused('/inductrack/sim'), node.has_parameter('covariance'))\n"
+        " found.remarks('/inductrack/sim'), node.has_parameter('covariance'))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, "--ros-args", "--params-file", str(saved(tmp_path))],

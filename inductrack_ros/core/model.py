@@ -22,7 +22,7 @@ from .effects import Effect, load_effects, split_name
 from .errors import InputError, announce, did_you_mean
 from .model_names import arguments_of, beside, check_conditions, check_has, flat_names, text_list, write_model
 from .options import DRIVES, TRACKS
-from .parameter_files import blocks_for, merged, shared_names
+from .parameter_files import blocks_for, merged, overridden, shared_names
 from .parameters import PARAMETERS, Values, check_parameters
 from .runs import Pulses, Trajectory
 from .state import CHANNELS, COORDINATES, INDEX, MOTION, MOVING, OUTPUTS, STATES, Dof, as_dof
@@ -118,6 +118,8 @@ class Model:
         parameters are passed over. Raises `InputError` naming the file and the parameter."""
         blocks, folder = blocks_for(path), Path(path).parent
         values = merged(blocks)
+        if said := overridden(blocks):
+            announce(f"warning: {path}: {said}")
         if not trusted:
             named = [beside(folder, f) for f in text_list(values.pop("effect_files", []), "effect_files", f"{path}: ")]
             given = {os.path.realpath(f) for f in extra_files}

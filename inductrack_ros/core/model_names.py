@@ -16,7 +16,7 @@ import yaml
 
 from .effects import Effect, load_effects, split_name
 from .errors import InputError, announce, did_you_mean
-from .options import COIL_OPTIONS, MODEL_OPTIONS, is_of_the_node
+from .options import COIL_OPTIONS, MODEL_OPTIONS, SIM, is_of_the_node
 from .output_folder import write_whole
 from .parameters import PARAMETERS
 from .state import CHANNELS
@@ -39,6 +39,7 @@ def arguments_of(
     """What `Model.create` is called with for flat ``values``; see `Model.from_mapping`. Raises `InputError`."""
     place = f"{where}: " if where else ""
     values = dict(values)
+    _check_of_the_node(values, place)
     dof, drive = values.pop("dof", 4), values.pop("drive", "averaged")
     track, coil_options = _track(values, place)
     names = text_list(values.pop("effects", []), "effects", place)
@@ -67,6 +68,18 @@ def arguments_of(
         "track": track,
         "coil_options": coil_options,
     }
+
+
+def _check_of_the_node(values: Mapping[str, Any], place: str) -> None:
+    """Raise `InputError` for a value that the `sim` node would refuse too, and for names below one that has none."""
+    for name, value in values.items():
+        option, dot, _ = name.partition(".")
+        if dot and (option in SIM or option in MODEL_OPTIONS):
+            below = [f"{n.removeprefix(option + dot)}={v}" for n, v in values.items() if n.startswith(option + dot)]
+            text = f"'{','.join(below)}'" if option == "initial_state" else "its value"
+            raise InputError(f"{place}{name}: {option} has no names below it; write {option}: {text}")
+        if name in SIM:
+            SIM[name].check(name, value, place.removesuffix(": "))
 
 
 def _track(values: dict[str, Any], place: str) -> tuple[Any, dict[str, Any]]:

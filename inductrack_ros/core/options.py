@@ -15,6 +15,8 @@ DRIVES = ("averaged", "pulses")
 TRACKS = ("averaged", "coils")
 #: Stands in a list of coil numbers for no coil: an empty list has no type in ROS 2.
 NO_COIL = -1
+#: What people call the types of YAML and ROS 2.
+_CALLED = {bool: "true or false, without quotes", int: "a whole number", str: "text, in quotes"}
 
 
 @dataclass(frozen=True)
@@ -36,9 +38,9 @@ class Option:
                 return self.default
             kind = type(self.default[0])
             if not isinstance(value, list) or any(type(v) is not kind for v in value):
-                raise InputError(f"{place}{name} = {value!r} must be a list of {kind.__name__}")
+                raise InputError(f"{place}{name} = {value!r:.60} must be a list; each entry {_CALLED[kind]}")
         elif type(value) is not type(self.default):
-            raise InputError(f"{place}{name} = {value!r} must be of type {type(self.default).__name__}")
+            raise InputError(f"{place}{name} = {value!r} must be {_CALLED[type(self.default)]}")
         elif self.choices and value not in self.choices:
             raise InputError(f"{place}{name} = {value!r} must be one of {', '.join(self.choices)}")
         elif type(value) is int and not self.low <= value <= self.high:

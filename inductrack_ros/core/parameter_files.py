@@ -87,6 +87,20 @@ def shared_names(blocks: Iterable[Block]) -> frozenset[str]:
     return frozenset(merged(b for b in blocks if b.shared)) - frozenset(merged(b for b in blocks if not b.shared))
 
 
+def overridden(blocks: Iterable[Block]) -> str:
+    """What to say where a block for nodes of any name takes the place of what one for a node itself gave above it."""
+    special: dict[str, tuple[str, object]] = {}
+    said: list[str] = []
+    for block in blocks:
+        for name, value in block.values.items():
+            if not block.shared:
+                special[name] = block.pattern, value
+            elif name in special and special[name][1] != value:
+                pattern, before = special.pop(name)
+                said.append(f"{name}: {value} of {block.pattern} counts, not {before} of {pattern} above it")
+    return f"{'; '.join(said)}; put the general block first" if said else ""
+
+
 def nothing_for(blocks: Iterable[Block], node: str) -> str:
     """What to say where the node takes none of the blocks, or passes over one with its own name in another
     namespace."""
@@ -120,6 +134,8 @@ def _blocks(tree: dict, name: str, path: str | Path) -> Iterator[tuple[str, obje
 def _flatten(tree: dict, prefix: str, flat: dict[str, object], path: str | Path) -> None:
     for key, value in tree.items():
         name = f"{prefix}{key}"
+        if value is None:
+            raise InputError(f"{path}: {name} has no value; give it one, or leave the name out")
         if not isinstance(value, dict):
             if name in flat:
                 raise InputError(f"{path}: '{name}' is given twice, once with dots and once nested; keep one")

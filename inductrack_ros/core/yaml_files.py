@@ -91,8 +91,8 @@ def read_yaml(file: str | Path, aliases: bool = False) -> object:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""
         problem = _one_line(error.problem or error.context)
-        tab = "; indent with spaces, not tabs" if "'\\t'" in problem else ""
-        raise InputError(f"{file}{line}: not valid YAML: {problem}{tab}") from None
+        likely = likely_cause(text.splitlines(), mark.line if mark else 0, problem)
+        raise InputError(f"{file}{line}: not valid YAML: {problem}{likely}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise InputError(f"{file}, line {line}: not valid YAML: a control character; save it as plain text") from None
@@ -100,6 +100,33 @@ def read_yaml(file: str | Path, aliases: bool = False) -> object:
         raise InputError(f"{file}: not valid YAML: nested too deep") from None
     except Exception as error:  # PyYAML lets ValueError and others through for odd scalars
         raise InputError(f"{file}: not valid YAML: {_one_line(error)}") from None
+
+
+#: Blanks that look like one and that YAML takes for letters.
+_ODD_BLANKS = re.compile("[\u00a0\u2000-\u200b\u202f\u3000\ufeff]")
+
+
+def likely_cause(lines: list[str], at: int, problem: str) -> str:
+    """What is behind a ``problem`` that the parser noticed in line ``at`` (from 0), words to be put behind it; empty
+    where that is not known. It notices some only some lines later."""
+    if "'\\t'" in problem:
+        return "; indent with spaces, not tabs"
+    near = [(number + 1, lines[number]) for number in range(max(at - 2, 0), min(at + 1, len(lines)))]
+    for number, line in reversed(near):
+        if re.search(r"[:,\[{-]\s*\*", line):
+            return f"; in line {number}, put what begins with * in quotes"
+        if re.search(r"[\[{][^'\"]*\s#", line):
+            return f"; in line {number}, a # behind a blank begins a comment: put the name in quotes"
+    for number, line in enumerate(lines[: at + 1], 1):
+        if odd := _ODD_BLANKS.search(line):
+            return f"; line {number} holds a blank that is none for YAML (U+{ord(odd[0]):04X}): type it anew"
+    if "<block" in problem and at and lines[at].strip() and _indent(lines[at]) != _indent(lines[at - 1]):
+        return "; the keys of one entry must be indented alike: with - before the first, two more for the others"
+    return ""
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip())
 
 
 def _one_line(error: object) -> str:

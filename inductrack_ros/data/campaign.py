@@ -218,7 +218,11 @@ def _runs(folder: Path, mapping: Section, reading: _Reading) -> tuple[Run, ...]:
         Section(mapping.file, f"runs[{i}]", entry, RUN_KEYS, _line(entry, line)) for i, entry in enumerate(entries)
     ]
     files: list[Path] = []
-    for section in sections:
+    for before, section in zip([None, *sections], sections, strict=False):
+        if before is not None and "file" in before and "file" not in section and (key := next(iter(section), "")):
+            raise section.error(
+                key, f"has no file; where {key} belongs to the run above it, write it without - as far in as its file"
+            )
         file = folder / section.text("file")
         if not exists(file):
             why = missing(file)

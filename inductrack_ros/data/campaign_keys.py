@@ -11,6 +11,7 @@ import math
 import os
 import re
 import reprlib
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -187,9 +188,21 @@ def looked_for(folder: Path, name: str) -> str:
     with contextlib.suppress(OSError, ValueError):
         names = sorted(p.name for p in there.iterdir() if p.name != "campaign.yaml")
         wanted = Path(plain.strip("“”‘’'\"")).name.lower()
+        if any(n.startswith(f"{Path(plain).name} #") for n in names):
+            return "a # behind a blank begins a comment; put the name in quotes"
+        if _composed(Path(plain).name) in map(_composed, names):
+            return (
+                "a file that looks the same is there, but writes letters with marks (ä, é) in another way, as macOS"
+                " does; rename it, or copy its name from `ls`"
+            )
         if near := [n for n in names if wanted in (n.lower(), Path(n).stem.lower())]:
             return f"did you mean '{Path(plain).parent / near[0]}'?"
     return "the path is relative to the campaign's folder"
+
+
+def _composed(name: str) -> str:
+    """A name with each letter and its marks as one character."""
+    return unicodedata.normalize("NFC", name)
 
 
 def shown(value: Any) -> str:

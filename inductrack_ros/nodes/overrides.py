@@ -21,7 +21,7 @@ import yaml
 
 from ..core.errors import InputError
 from ..core.model_names import beside
-from ..core.parameter_files import Block, nothing_for, read_blocks, shared_names
+from ..core.parameter_files import Block, nothing_for, overridden, read_blocks, shared_names
 
 EMPTY = [""]  # a list in which there is nothing; an empty one has no type, and rcl none for it
 _LARGEST = 2**63 - 1
@@ -37,9 +37,11 @@ class Overrides:
         """Names that only blocks for nodes of any name gave to the node of this full name."""
         return shared_names(block for _, blocks in self.files for block in blocks if block.is_for(node))
 
-    def unused(self, node: str) -> list[str]:
-        """What to say of files of which nothing is for the node."""
-        return [f"{path}: {said}" for path, blocks in self.files if (said := nothing_for(blocks, node))]
+    def remarks(self, node: str) -> list[str]:
+        """What to say of files of which nothing is for the node, or a general block goes before the node's own."""
+        found = [(path, nothing_for(blocks, node)) for path, blocks in self.files]
+        found += [(path, overridden(block for block in blocks if block.is_for(node))) for path, blocks in self.files]
+        return [f"{path}: {said}" for path, said in found if said]
 
 
 @contextmanager

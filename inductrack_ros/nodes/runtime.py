@@ -44,8 +44,8 @@ def run(make_node: Callable[[Overrides], Node], args: list[str] | None = None) -
         with readable(sys.argv if args is None else args) as (ros_args, overrides):
             rclpy.init(args=ros_args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node(overrides)
-        for unused in overrides.unused(node.get_fully_qualified_name()):
-            node.get_logger().warning(unused)
+        for remark in overrides.remarks(node.get_fully_qualified_name()):
+            node.get_logger().warning(remark)
         _spin(node)
         status = 0
     except InputError as error:
