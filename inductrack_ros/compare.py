@@ -6,7 +6,6 @@ Nothing is fitted but the initial states that the campaign does not give. What i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
@@ -57,7 +56,7 @@ def compare(
     if any(c not in campaign.noise_std for c in campaign.channels):
         left = problem.residuals(structure, structure.start, states)
         found = noise.from_residuals(problem, left, campaign.noise_std)
-        problem = problem.with_sigma(np.fmax(found, [_resolution(campaign, c) for c in problem.channels]))
+        problem = problem.with_sigma(np.fmax(found, [campaign.rounding.get(c, 0.0) for c in problem.channels]))
         states, horizons = _initial_states(problem, structure)
     sigma = dict(zip(problem.channels, problem.sigma.tolist(), strict=True))
     everywhere = Problem(replace(campaign, runs=tuple(_filled(r) for r in campaign.runs)), model, sigma)
@@ -241,7 +240,7 @@ def _first_noise(campaign: Campaign) -> dict[str, float]:
     levels = {}
     for channel in campaign.channels:
         levels[channel] = campaign.noise_std.get(channel) or float(
-            np.fmax(guess[channel], _resolution(campaign, channel))
+            np.fmax(guess[channel], campaign.rounding.get(channel, 0.0))
         )
         if not levels[channel] > 0.0:
             readings = np.concatenate([run.samples(channel)[1] for run in campaign.runs if channel in run.channels])
@@ -251,15 +250,3 @@ def _first_noise(campaign: Campaign) -> dict[str, float]:
                 f"give noise_std: {{{channel}: …}} in campaign.yaml, or leave the channel out"
             )
     return levels
-
-
-def _resolution(campaign: Campaign, channel: str) -> float:
-    """Standard deviation of a channel's rounding: a sensor is no better than its steps; 0 where none show."""
-    steps = []
-    for run in campaign.runs:
-        if channel in run.channels:
-            readings = run.samples(channel)[1]
-            different = np.unique(readings)
-            if 1 < different.size < 0.5 * readings.size:
-                steps.append(float(np.diff(different).min()))
-    return max(steps, default=0.0) / math.sqrt(12.0)

@@ -97,7 +97,7 @@ def windows_of(campaign: Campaign, channels: Mapping[str, Channel], most: int = 
             [run.initial_state["surge_rate"] for run, p in zip(campaign.runs, cut, strict=True) if p for _ in p[0]],
             PLACES,
         ).reshape(times.shape)
-    noise = {c: max(channels[c].noise, channels[c].step / np.sqrt(12.0)) for c in names}
+    noise = {c: channels[c].scatter for c in names}
     return Windows(times, values, current, any(run.pulses is not None for run in campaign.runs), noise)
 
 
@@ -110,7 +110,7 @@ def _half(campaign: Campaign, channels: Mapping[str, Channel], names: list[str])
         bends = {c: [_bend(run[c], half) for run in campaign.runs if c in run.channels] for c in names}
         known = {c: (y := np.abs(np.concatenate(b)))[~np.isnan(y)] for c, b in bends.items() if b}
         sizes = {c: float(np.median(y)) for c, y in known.items() if len(y)}
-        if all(size > CLEAR * 2.4 * channels[c].noise for c, size in sizes.items()):
+        if all(size > CLEAR * 2.4 * channels[c].scatter for c, size in sizes.items()):
             return half
     return fitting[-1]
 

@@ -19,7 +19,8 @@ from ..data.measurement import Array
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, number, place, shared
 from .local import deviations, spread
-from .noise_found import READINGS, Channel, step_of
+from .noise_found import READINGS, Channel
+from .steps import step_of
 
 #: Samples in a row, of which this part is found again in order, before it is called a copy.
 COPY, MOST_OF = 48, 0.8
@@ -30,6 +31,8 @@ LAID, OTHERS = 4096, 64
 ROUNDING, ROUNDED = 0.6, 1e-3
 #: Noise of so many digits tells one measurement from another.
 OVER = 2.0
+#: Noise beside the rounding, in steps, of which half of all readings of one motion are the same.
+BESIDE = 0.5
 #: Part of the shorter run that a copy holds from which on that run is left out as a whole.
 WHOLE = 0.9
 
@@ -46,19 +49,44 @@ class _Copy:
 def copies(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
     """Findings about runs, stretches of runs and single channels that stand twice. Channels at rest tell nothing."""
     moving = [c for c, about in channels.items() if about.spread > levels.MOVES * max(about.noise, about.step)]
+    telling = {c for c in moving if _tells(channels[c])}
     found: dict[tuple[int, int], dict[str, _Copy]] = {}
     for channel in moving:
         for pair, copy in _of_other_runs(campaign.runs, channel).items():
             found.setdefault(pair, {})[channel] = copy
+    same = _same(campaign.runs)
+    for i, j in same:
+        rows = np.arange(len(campaign.runs[i].times))
+        found[i, j] = {c: _Copy(rows, rows) for c in moving if c in campaign.runs[i].channels}
     findings = [f for run in campaign.runs if (f := _beside_itself(run, moving)) is not None]
     gone: set[str] = set()
     for (i, j), mine in sorted(found.items()):
         one, other = campaign.runs[i], campaign.runs[j]
         if other.name not in gone:
-            both = [c for c in moving if c in one.channels and c in other.channels]
-            findings.append(_finding(one, other, mine, set(mine) == set(both)))
-            gone |= {f.run for f in findings[-1:] if f.run and f.severity == SET_ASIDE}
+            both = {c for c in moving if c in one.channels and c in other.channels}
+            tell = both & telling
+            whole = (i, j) in same or bool(tell) and set(mine) >= tell
+            some = mine if whole else {c: copy for c, copy in mine.items() if c in telling}
+            if some:
+                findings.append(_finding(one, other, some, whole))
+                gone |= {f.run for f in findings[-1:] if f.run and f.severity == SET_ASIDE}
     return findings
+
+
+def _same(runs: tuple[Run, ...]) -> set[tuple[int, int]]:
+    """Pairs of runs, the earlier first, of which all readings are the same: no two flights are, however coarse."""
+    first: dict[tuple[tuple[str, ...], bytes], int] = {}
+    pairs = set()
+    for j, run in enumerate(runs):
+        i = first.setdefault((run.channels, run.values.tobytes()), j)
+        pairs |= {(i, j)} if i != j else set()
+    return pairs
+
+
+def _tells(about: Channel) -> bool:
+    """Whether a channel's readings tell two measurements of one motion apart: two that are rounded to one step are the
+    same in more than half of all readings where the noise beside the rounding is smaller than half a step."""
+    return about.noise**2 > about.step**2 * (1.0 / 12.0 + BESIDE**2)
 
 
 def _finding(one: Run, other: Run, found: Mapping[str, _Copy], whole: bool) -> Finding:

@@ -9,7 +9,7 @@ from ..core.model import Model
 from ..core.state import COORDINATES, STATES
 from ..data import Campaign, Run
 from . import levels
-from .finding import IMPOSSIBLE, NOTE, SET_ASIDE, Finding, shared
+from .finding import IMPOSSIBLE, NOTE, SET_ASIDE, Finding, quantity, shared
 from .noise_found import Channel
 
 
@@ -40,6 +40,28 @@ def _free(run: Run, model: Model | None) -> int:
     """How many numbers of the run's initial state are to be found."""
     held = () if model is None else [c for c, moves in zip(COORDINATES, model.moving, strict=True) if not moves]
     return sum(s.removesuffix("_rate") not in held and s not in run.initial_state for s in STATES)
+
+
+def held_still(campaign: Campaign, channels: Mapping[str, Channel], model: Model | None) -> list[Finding]:
+    """Coordinates that the model holds at rest and that move by far more than their noise. What acts on a cradle that
+    does not sway is not what is measured. Where it holds surge the cradle goes on at its speed."""
+    if model is None:
+        return []
+    moving = {c for c, moves in zip(COORDINATES, model.moving, strict=True) if moves} | {"surge"}
+    spans = {
+        c: channels[c].spread
+        for c in COORDINATES
+        if c not in moving and c in channels and channels[c].spread > levels.NOISE_IMPOSSIBLE * channels[c].scatter
+    }
+    if not spans:
+        return []
+    one = len(spans) == 1
+    dof = model.dof if isinstance(model.dof, int) else f"[{', '.join(model.dof)}]"
+    sizes = shared([quantity(c, span) for c, span in spans.items()])
+    text = f"dof: {dof} holds {shared(spans)}, but {'it spans' if one else 'they span'} {sizes}"
+    remedy = f"write dof: 4 to let {'it' if one else 'them'} move, or leave the channel{'' if one else 's'} out"
+    size = {"channels": list(spans), "spans": list(spans.values())}
+    return [Finding("held_still", IMPOSSIBLE, text, remedy, next(iter(spans)), size=size)]
 
 
 def excitation(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:

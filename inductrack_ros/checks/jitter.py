@@ -23,8 +23,8 @@ SLOPE, SURE = (0.5, 1.5), 4.0
 def jitter(campaign: Campaign, channels: Mapping[str, Channel]) -> list[Finding]:
     """A finding where what surge's noise says of the stamps is what the other coordinates say."""
     others = [c for c in COORDINATES[1:] if c in channels and channels[c].noise > 0.0]
-    if "surge" not in channels or not others or channels["surge"].noise <= 0.0:
-        return []
+    if "surge" not in channels or not others or channels["surge"].noise <= channels["surge"].step:
+        return []  # what is rounded by half a step is off by no more than one from what its neighbours say
     parts = [
         p for run in campaign.runs if {"surge", *others} <= set(run.channels) and (p := _late(run, others)) is not None
     ]

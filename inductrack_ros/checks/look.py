@@ -16,7 +16,7 @@ from . import levels
 from .clocks import clocks
 from .copies import copies
 from .drive import lost_pulses
-from .excitation import excitation, too_few
+from .excitation import excitation, held_still, too_few
 from .filled import filled
 from .finding import SET_ASIDE, Finding, impossible, worst_first
 from .hangs import hangs
@@ -76,20 +76,22 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     calm = campaign if touch is None else touch.calm(campaign)
     found += (flat := sensors(campaign, calm, channels, model))
     campaign, calm = set_aside(campaign, flat), set_aside(calm, flat)
-    found += too_few(campaign, model)
+    found += too_few(campaign, model) + (kept := held_still(campaign, channels, model))
     found += noises(calm, channels) + noises_apart(calm) + jitter(campaign, channels)
     found += stated(campaign, channels, model) + pairs(campaign, calm, channels) + excitation(campaign, channels)
     if model is not None and not any(
         f.kind in ("clock_jump", "hole", "time_unit", "value_jump", "batches") for f in impossible(found)
     ):
-        found += _readings(campaign, channels, model, {f.channel for f in flat if f.kind == "constant"})
+        still = {c for f in kept for c in f.size["channels"]}
+        found += _readings(campaign, channels, model, still | {f.channel for f in flat if f.kind == "constant"})
     return worst_first(_causes_only(found))
 
 
 def _readings(
     campaign: Campaign, channels: Mapping[str, Channel], model: Model, dead: set[str | None]
 ) -> list[Finding]:
-    """What the model's motion says of the channels but for dead ones; what moves without them is nobody's fault."""
+    """What the model's motion says of the channels but for dead ones, and those it holds still; what moves without them
+    is nobody's fault."""
     if not dead:
         return readings(campaign, channels, model)
     runs = tuple(_blanked(run, dead) for run in campaign.runs)
@@ -110,12 +112,12 @@ def set_aside(campaign: Campaign, findings: list[Finding] | tuple[Finding, ...])
     left_out = [f for f in findings if f.severity == SET_ASIDE]
     gone = {f.run for f in left_out if f.run and not f.samples}
     runs = tuple(_without(run, left_out) for run in campaign.runs if run.name not in gone)
-    noise = {
-        f.channel: f.size["noise"]
-        for f in findings
-        if f.kind == "quantised" and "noise" in f.size and f.channel in campaign.noise_std
-    }
-    return replace(campaign, runs=runs, noise_std={**campaign.noise_std, **noise})
+    steps = {f.channel: f.size for f in findings if f.kind == "quantised" and f.channel}
+    stated = {c: size["noise"] for c, size in steps.items() if "noise" in size and c in campaign.noise_std}
+    rounding = {c: float(size["step"] / np.sqrt(12.0)) for c, size in steps.items()}
+    return replace(
+        campaign, runs=runs, noise_std={**campaign.noise_std, **stated}, rounding={**campaign.rounding, **rounding}
+    )
 
 
 def admit(campaign: Campaign, model: Model) -> tuple[Campaign, tuple[Finding, ...]]:

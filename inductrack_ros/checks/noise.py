@@ -57,9 +57,11 @@ def _hit(channel: str, quiet: float) -> bool:
 
 def _differs(channel: str, stated: float, about: Channel, moving: bool) -> list[Finding]:
     """A finding where the noise is not as stated; ``moving``: something moves the channel between its samples."""
-    found = max(about.noise, about.step / np.sqrt(12.0)) if about.step else about.noise
+    found = about.scatter
     ratio = found / stated
     if ratio > 1.0 and (moving or not about.resolved):  # what is found is motion between the samples as well
+        return []
+    if ratio > 1.0 and about.noise < about.step:  # what is found are steps, which noise_std may leave out
         return []
     size = {"ratio": ratio, "found": found, "stated": stated}
     unit = UNITS[channel]

@@ -82,4 +82,4 @@ def _noise(about: Channel) -> float:
     """The noise of a channel in a run; 0 where too few samples tell it, or motion between them hides it."""
     if about.count < FEWEST or not about.resolved or about.spread == 0.0:
         return 0.0
-    return max(about.noise, about.step / np.sqrt(12.0))
+    return about.scatter

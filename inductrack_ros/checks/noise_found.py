@@ -8,17 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import Campaign
-from ..data.measurement import Array
+from ..data import Campaign, Run
 from . import levels
 from .local import deviations, misses, second_differences, some_blocks, spread
+from .steps import FEWEST_READINGS, step_of
 
 #: Samples of a channel in each run that its step is looked for in.
 READINGS = 20_000
-#: Fewer different readings than this show no step, unless each occurs so many times.
-FEWEST_READINGS, OFTEN = 4, 10
-#: Readings are whole steps where all but this part of them are, to this part of a step.
-EXCEPTIONS, ROUNDED = 0.01, 0.02
+#: Steps are looked for from this part of the noise on where few readings are one step apart: half of one may matter.
+SMALLEST_STEP = 0.5
 
 
 @dataclass(frozen=True)
@@ -28,10 +26,12 @@ class Channel:
     - noise: standard deviation of what neighbours do not predict
     - by_reach: typical error of the cubics of each of `local.REACHES`; noise and motion together make it
     - smooth: the noise by the line through two neighbours alone; larger where motion shows in it
-    - step: what its readings are whole multiples of, 0 where no step shows
+    - step: what its readings are whole multiples of, 0 where no step shows; where some runs alone read in steps that
+      are larger than their noise, the largest of them
     - low, middle, high: the median is ``middle``; 98 % of the samples lie between the two others
     - count: number of samples
     - every: s, the usual time between two of them
+    - stepped: names of the runs that read in steps, where not all do
     """
 
     noise: float
@@ -43,11 +43,18 @@ class Channel:
     high: float
     count: int
     every: float = 0.0
+    stepped: tuple[str, ...] = ()
 
     @property
     def spread(self) -> float:
         """What 98 % of its samples span."""
         return self.high - self.low
+
+    @property
+    def scatter(self) -> float:
+        """The noise, and at least what the steps make: their errors are alike where the channel moves by nearly whole
+        steps, so that neighbours do not show them."""
+        return max(self.noise, self.step / np.sqrt(12.0))
 
     @property
     def resolved(self) -> bool:
@@ -77,31 +84,25 @@ def _channel(campaign: Campaign, channel: str) -> Channel:
     if not len(left):  # runs too short for four neighbours
         left = lines
     reaches = tuple(map(spread, missed)) if missed.size else (np.inf,) * len(missed)
-    step = step_of(np.concatenate([y[:READINGS] for _, y in runs]))
+    noise = spread(left)
+    step, stepped = step_of(np.concatenate([y[:READINGS] for _, y in runs]), SMALLEST_STEP * noise), ()
+    if not step and len(runs) > 1:
+        step, stepped = _step_of_some(campaign, channel)
     steps = [np.median(np.diff(t)) for t, _ in runs if len(t) > 1]
-    sizes = spread(left), reaches, spread(lines), step, float(low), float(middle), float(high)
-    return Channel(*sizes, sum(len(y) for _, y in runs), float(np.median(steps)) if steps else 0.0)
+    sizes = noise, reaches, spread(lines), step, float(low), float(middle), float(high)
+    return Channel(*sizes, sum(len(y) for _, y in runs), float(np.median(steps)) if steps else 0.0, stepped)
 
 
-def step_of(readings: Array) -> float:
-    """What readings (n,) are whole multiples of, from the differences between those that occur; 0 where no step shows.
+def _step_of_some(campaign: Campaign, channel: str) -> tuple[float, tuple[str, ...]]:
+    """The largest step, and the names, of the runs of a channel that read in steps larger than their noise."""
 
-    The digits that a file writes are a step too; whether it matters its size beside the noise says.
-    """
-    different = np.unique(readings)
-    if len(different) < 2 or (len(different) < FEWEST_READINGS and len(readings) < OFTEN * len(different)):
-        return 0.0
-    apart = np.diff(different)
-    small = apart[apart > 1e-9 * np.abs(different).max()]
-    if not len(small):
-        return 0.0
-    step = float(np.quantile(small, EXCEPTIONS))
-    step = float(np.median(small[small < 1.5 * step]))
-    away = readings - different[len(different) // 2]
-    # A step from near readings counts those a little further off, and is sharpened by them.
-    for reach in (30.0, 1e3, 3e4):
-        near = away[np.abs(away) < reach * step]
-        steps = np.rint(near / step)
-        step = float(steps @ near / (steps @ steps)) if steps.any() else step
-    whole = away / step
-    return step if np.mean(np.abs(whole - np.rint(whole)) > ROUNDED + 1e-6 * np.abs(whole)) <= EXCEPTIONS else 0.0
+    def step(run: Run) -> float:
+        times, values = run.samples(channel)
+        if len(np.unique(values[:READINGS])) < FEWEST_READINGS:
+            return 0.0
+        noise = spread(deviations(times, values))
+        found = step_of(values[:READINGS], SMALLEST_STEP * noise)
+        return found if found > levels.STEP_MATTERS * noise else 0.0
+
+    steps = {run.name: s for run in campaign.runs if channel in run.channels and (s := step(run))}
+    return max(steps.values(), default=0.0), tuple(steps)

@@ -25,6 +25,8 @@ from .touch import Touch
 
 #: Times that the search is done again without what was found, so that neighbours of a bad sample are seen too.
 ROUNDS = 4
+#: Different values that one instrument writes for no reading, to either side: an overload, and that it has none.
+KINDS = 2
 
 Rows = dict[str, NDArray[np.intp]]
 
@@ -73,6 +75,7 @@ def _absurd(campaign: Campaign, channel: str, touch: Touch | None) -> tuple[Rows
     runs = [run for run in campaign.runs if channel in run.channels]
     parts = [run.samples(channel)[1] for run in runs]
     usual = np.concatenate([y[:: max(len(y) // 20_000, 1)] for y in parts])
+    usual = usual[~np.isin(usual, _apart(usual))]
     if not len(usual):
         return {}, []
     low, middle, high = np.quantile(usual, [0.05, 0.5, 0.95])
@@ -90,6 +93,28 @@ def _absurd(campaign: Campaign, channel: str, touch: Touch | None) -> tuple[Rows
             rows[run.name] = mine
             values += column[mine].tolist()
     return rows, values
+
+
+def _apart(readings: Array) -> Array:
+    """Values that are written again and again and lie absurdly far outside of all other readings, at most `KINDS` to
+    either side: overloads, and fillers whatever their digits.
+
+    Each value counts once, however often it is written, so that many fillers do not pass for the channel's range. The
+    readings of a channel that moves come near each other everywhere, those of one in another unit are many."""
+    values, counts = np.unique(readings, return_counts=True)
+    last = len(values) - 1
+    low, middle, high = (values[k] for k in (-(-last // 4), last // 2, 3 * last // 4))
+    found = [values[:0]]
+    if not low < high:
+        return found[0]
+    for side in (1.0, -1.0):
+        away = side * (values - middle)
+        order = np.argsort(away)[-KINDS - 1 :]
+        inner = np.maximum(away[order[:-1]], high - low)
+        torn = np.flatnonzero(away[order[1:]] / levels.ABSURD > inner)
+        if len(torn) and counts[order[1 + torn[0] :]].max() > 1:
+            found.append(values[order[1 + torn[0] :]])
+    return np.concatenate(found)
 
 
 def _torn(run: Run, channel: str, rows: NDArray[np.intp], touch: Touch) -> NDArray[np.intp]:
@@ -122,7 +147,9 @@ def _filler(campaign: Campaign, channel: str, rows: Rows, seen: list[float]) -> 
     )
     filler = times > 1 or value in levels.FILLERS
     kind = "fillers" if filler else "outliers"
-    reads = "a filler for what was not measured" if filler else "far outside of all the rest"
+    named = value in levels.FILLERS
+    reads = f"a filler for what was not measured{'' if named else ', or an overload'}"
+    reads = reads if filler else "far outside of all the rest"
     total = sum(len(run.samples(channel)[1]) for run in campaign.runs if channel in run.channels)
     return Finding(
         kind,

@@ -14,7 +14,8 @@ from ..data.measurement import Array
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding, as_samples, number, place, quantity, shared
 from .hangs import flat_stretches, repeats_of
-from .noise_found import READINGS, Channel, step_of
+from .noise_found import READINGS, Channel
+from .steps import step_of
 
 
 def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel], model: Model | None) -> list[Finding]:
@@ -196,19 +197,21 @@ def _clipped(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
 
 def _coarse(campaign: Campaign, channel: str, about: Channel) -> list[Finding]:
     """Readings in steps that are as large as the noise."""
+    given = channel in campaign.noise_std
     stated = campaign.noise_std.get(channel, about.noise)
-    if not about.step or about.step < levels.STEP_MATTERS * min(stated, max(about.noise, about.step / np.sqrt(12.0))):
+    if not about.step or about.step < levels.STEP_MATTERS * min(stated, about.scatter):
         return []
-    text = f"{channel} reads in steps of {quantity(channel, about.step)}"
+    where = f" in {shared(about.stepped)}" if about.stepped else ""
+    text = f"{channel} reads in steps of {quantity(channel, about.step)}{where}"
     least = about.step / np.sqrt(12.0)
     size = {"step": about.step}
     if stated < 0.95 * least or about.noise > 1.1 * stated:
         size["noise"] = with_step(stated, about)
-        text += (
-            f", coarser than its noise_std says: {quantity(channel, size['noise'])} is taken instead of"
-            f" {quantity(channel, stated)}"
-        )
-    return [Finding("quantised", WARNING, text, "", channel, size=size)]
+        than = "its noise_std says" if given else "the noise from sample to sample"
+        text += f", coarser than {than}: {quantity(channel, size['noise'])} is taken"
+        text += f" instead of {quantity(channel, stated)}" if given else ""
+    run = about.stepped[0] if len(about.stepped) == 1 else None
+    return [Finding("quantised", WARNING, text, "", channel, run, size=size)]
 
 
 def with_step(stated: float, about: Channel) -> float:

@@ -76,7 +76,7 @@ def _beginning(run: Run, state: str, channels: Mapping[str, Channel]) -> tuple[f
     inverse = np.linalg.pinv(basis)
     row = inverse[1] / length if of != state and state in RATES else inverse[0]
     left = values - basis @ (inverse @ values)
-    noise = max(about.noise, about.step / np.sqrt(12.0), float(np.sqrt(left @ left / (FIRST - 3))))
+    noise = max(about.scatter, float(np.sqrt(left @ left / (FIRST - 3))))
     return float(row @ values), float(noise * np.sqrt(row @ row))
 
 

@@ -58,6 +58,8 @@ class Campaign:
     remarks: what is to be said of the campaign as a whole, one line each
     limits: what a run of the rig may not leave
     sharpen: the parameter that the next run is to determine better, or None
+    rounding: standard deviation of the rounding, SI, by channel that reads in steps; no noise is less. A look at the
+        data finds it
     """
 
     name: str
@@ -70,6 +72,7 @@ class Campaign:
     remarks: tuple[str, ...] = ()
     limits: Limits = field(default_factory=Limits)
     sharpen: str | None = None
+    rounding: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...]:

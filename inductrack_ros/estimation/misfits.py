@@ -211,19 +211,21 @@ class SeriesMisfit:
 
 
 def _noise(campaign: Campaign, channel: str) -> float:
-    """A channel's noise from third differences of its samples, which the motion hardly enters; the median over runs."""
+    """A channel's noise from third differences of its samples, which the motion hardly enters; the median over runs,
+    and no less than its rounding."""
     found = []
     for run in campaign.runs:
         if channel in run.channels:
             _, y = run.samples(channel)
             if y.size > 8:
                 found.append(float(np.sqrt(np.mean(np.diff(y, 3) ** 2) / 20.0)))
-    if not found or np.median(found) <= 0:
+    noise = max(float(np.median(found)) if found else 0.0, campaign.rounding.get(channel, 0.0))
+    if not noise > 0.0:
         raise InputError(
             f"{campaign.folder}: the noise of {channel} cannot be estimated; give noise_std: {{{channel}: …}}"
             f" ({UNITS[channel]}) in campaign.yaml"
         )
-    return float(np.median(found))
+    return noise
 
 
 class JointMisfit:

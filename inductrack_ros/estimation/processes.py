@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..checks.steps import on_grid
 from ..core.state import ACCELERATIONS, INDEX
 from .kalman import LinearRun, Smoothed
 from .problem import Problem, RunData
@@ -183,13 +184,15 @@ def _block(problem: Problem, structure: Structure, data: RunData, system: Linear
 
 def rounding(problem: Problem, data: RunData, system: LinearRun, p: Process) -> np.ndarray:
     """What rounding to the readings' own grid does on average to what is predicted, (m,), in its noise; 0 in other
-    channels.
+    channels, and in runs that have no such grid.
 
     Noise beside the rounding spreads a reading near a cell's edge over two cells: of the sawtooth's Fourier series each
     term is as much smaller as a normal dither makes it (Schuchman 1964)."""
     mine = (data.channel == problem.channels.index(p.on)) & (system.data[:, 0] != 0.0)
     sigma = problem.sigma[problem.channels.index(p.on)]
     predicted = data.y[mine] - system.data[mine, 0] * sigma
+    if not mine.any() or not on_grid(data.y[mine], p.time):
+        return np.zeros(len(data.y))
     turn = 2.0 * np.pi * (predicted - data.y[mine] % p.time) / p.time
     k = np.arange(1, TERMS + 1)[:, None]
     terms = (-1.0) ** k / (np.pi * k) * np.exp(-2.0 * (np.pi * k * p.size) ** 2) * np.sin(k * turn)
