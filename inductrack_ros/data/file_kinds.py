@@ -10,7 +10,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 #: Bytes by which a file is told.
 HEAD = 4096
@@ -75,7 +75,7 @@ def _head(file: Path) -> bytes:
         return stream.read(HEAD)
 
 
-def _unpacked(file: Path, opened: Callable[..., BinaryIO]) -> bytes:
+def _unpacked(file: Path, opened: Callable[..., Any]) -> bytes:
     """The first bytes of what is packed in a file; none where it is damaged."""
     try:
         with opened(file, "rb") as stream:
