@@ -63,7 +63,7 @@ def _run(arguments: argparse.Namespace, who: str) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
+        place = f"{error.filename}: " if error.filename else "standard output: " if _cannot_be_written() else ""
         print(f"{who}: {place}{error.strerror or error}", file=sys.stderr)
         return 2
     except MemoryError as error:
@@ -73,6 +73,16 @@ def _run(arguments: argparse.Namespace, who: str) -> int:
         print(f"{who}: interrupted; {str(error) or 'nothing was written'}", file=sys.stderr)
         return 130
     return 0
+
+
+def _cannot_be_written() -> bool:
+    """Whether standard output takes not even the end of a line; what it still holds is thrown away then."""
+    try:
+        print(flush=True)
+        return False
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
 
 
 def _stand_somewhere() -> None:

@@ -8,6 +8,7 @@ import errno
 import io
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -18,6 +19,8 @@ import pytest
 from conftest import LONG
 from rclpy import get_rmw_implementation_identifier
 from test_compare import make_campaign
+from test_data_bags import GOOD, poses
+from test_data_odd_bags import raw, sqlite_bag
 
 import inductrack_ros
 from inductrack_ros import cli
@@ -27,6 +30,7 @@ from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.output_folder import write_whole
 from inductrack_ros.core.paths import missing
+from inductrack_ros.data import bag_files, read_bag, sqlite_files
 from inductrack_ros.nodes.middleware import check_middleware
 
 AS_NOBODY = """
@@ -331,3 +335,70 @@ def test_a_middleware_that_is_not_installed(command):
 def test_a_middleware_that_is_installed(monkeypatch):
     monkeypatch.setenv("RMW_IMPLEMENTATION", get_rmw_implementation_identifier())
     check_middleware()
+
+
+# ---------------------------------------------------------------- disks that are full, and threads
+
+
+def no_room(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_copy_that_has_no_room_names_the_variable(tmp_path, monkeypatch):
+    """Of a compressed file, and of a database with what its journal holds."""
+    bag = sqlite_bag(tmp_path / "run", {GOOD: raw(poses(40))}, wal_from=15)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for module, name in ((sqlite_files.shutil, "copyfile"), (bag_files.tempfile, "TemporaryDirectory")):
+        with monkeypatch.context() as disk:
+            disk.setattr(module, name, no_room)
+            with pytest.raises(InputError, match=f"cannot be written into {tmp_path}: .*; set TMPDIR to a folder"):
+                read_bag(bag)
+    with monkeypatch.context() as disk:
+        disk.setattr(sqlite_files.sqlite3, "connect", lambda *_: Full())
+        with pytest.raises(InputError, match="set TMPDIR to a folder with room"):
+            read_bag(bag)
+    assert len(read_bag(bag).times) == 40
+
+
+class Full:
+    """A database on a disk that is full."""
+
+    def execute(self, *_):
+        raise sqlite3.OperationalError("database or disk is full")
+
+    def close(self) -> None: ...
+
+
+def test_a_campaign_that_has_no_room_names_the_folder_given(tmp_path, monkeypatch, capsys):
+    """Not the hidden one in which it is written first."""
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "replace", no_room)
+        words = ["simulate", "--duration", "0.02", "--run", "surge_rate=16", "--output", str(tmp_path / "camp")]
+        assert cli.main(words) == 2
+    said = capsys.readouterr().err
+    assert f"{tmp_path / 'camp' / 'run_00.csv'}: cannot be written: No space left on device" in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_standard_output_that_cannot_be_written_is_named(tmp_path):
+    """`>/dev/full`."""
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "inductrack_ros.cli", "simulate", "--duration", "0.01", "--output", "run.csv"],
+            cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=LONG, check=False,
+        )  # fmt: skip
+    assert done.returncode == 2 and done.stderr == "inductrack simulate: standard output: No space left on device\n"
+
+
+@pytest.mark.parametrize("program", ["cli", "nodes.start"])
+@pytest.mark.parametrize("threads", ["abc", "0", "-2", "1.5"])
+def test_threads_that_cannot_be(tmp_path, program, threads):
+    words = {"cli": ["simulate", "--output", "run.csv"], "nodes.start": ["sim"]}[program]
+    done = subprocess.run(
+        [sys.executable, "-m", f"inductrack_ros.{program}", *words], env=os.environ | {"NUMBA_NUM_THREADS": threads},
+        cwd=tmp_path, capture_output=True, text=True, timeout=LONG, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert f"NUMBA_NUM_THREADS={threads}: is no number of threads; unset it" in done.stderr

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a shell or a batch system leaves a process the address space to begin with."""
+"""Whether a shell or a batch system leaves a process what it begins with: address space, and threads."""
 
 from __future__ import annotations
 
+import os
 import resource
 
 from .errors import InputError
@@ -10,11 +11,16 @@ from .errors import InputError
 #: MB of address space with which every command begins and compiles. With less OpenBLAS waits for ever while it is
 #: loaded, and LLVM aborts; neither raises anything. No such number would be needed if they did.
 NEEDED = 1024
+#: What numba reads while it is loaded, and stumbles over.
+THREADS = "NUMBA_NUM_THREADS"
 _LIMITS = ((resource.RLIMIT_AS, "-v"), (resource.RLIMIT_DATA, "-d"))
 
 
 def room_to_begin() -> None:
-    """Raise `InputError` where a limit of the process leaves less address space than the libraries need."""
+    """Raise `InputError` where a limit of the process leaves less address space than the libraries need, or the
+    environment asks for threads that cannot be."""
+    if (asked := os.environ.get(THREADS)) and not (asked.strip().isdecimal() and int(asked)):
+        raise InputError(f"{THREADS}={asked}: is no number of threads; unset it, or give a whole number above 0")
     for limit, option in _LIMITS:
         allowed, _ = resource.getrlimit(limit)
         if allowed != resource.RLIM_INFINITY and allowed < NEEDED * 2**20:

@@ -8,6 +8,7 @@ after the other by `rosbags`, so that a recording of a thousand files needs no t
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import re
 import shutil
@@ -113,6 +114,11 @@ def open_bag(path: Path, types: Collection[str] = ()) -> Iterator[Bag]:
                 )
             yield Bag(path, topics, tuple(notes), files)
     except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):  # reading fills nothing but the copies
+            raise InputError(
+                f"{path}: a copy of it is needed and cannot be written into {tempfile.gettempdir()}: {error.strerror};"
+                " set TMPDIR to a folder with room"
+            ) from None
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 

@@ -7,6 +7,8 @@ The format: https://sqlite.org/fileformat.html
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import shutil
 import sqlite3
 from pathlib import Path
@@ -44,6 +46,8 @@ def whole_database(path: Path, given: Path, folder: Path, notes: list[str]) -> P
             database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             database.execute("PRAGMA journal_mode=DELETE").fetchall()
     except sqlite3.Error as error:
+        if "disk is full" in str(error):  # 3.10 has no code for it
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None
         beside = journal if undoing else wal
         raise InputError(
             f"{beside}: cannot be taken into {given.name} ({one_line(error)}); try `sqlite3 {given.name} .recover`"
