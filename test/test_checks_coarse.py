@@ -168,7 +168,7 @@ def test_half_a_run_in_another_unit_is_no_filler(pose, model):
         mixed = changed(pose, "heave", lambda y, d=digits: np.where(late, np.round(1e3 * y, d), y), "b")
         found = look(mixed, model)
         assert IMPOSSIBLE in {f.severity for f in found}
-        assert not {f.channel for f in found if f.severity == SET_ASIDE and f.size.get("share", 0.0) > 0.01}
+        assert "fillers" not in {f.kind for f in found}
 
 
 # ---------------------------------------------------------------- what the model holds still
@@ -191,3 +191,13 @@ def test_channels_that_do_not_move_may_be_held_still(pose):
     quiet = changed(quiet, "roll", lambda y: NOISE["roll"] * rng.standard_normal(len(y)))
     held = replace(quiet, dof=2)
     assert "held_still" not in {kind for kind, _ in kinds(look(held, held.load_model()))}
+
+
+def test_neither_an_even_motion_nor_one_bad_reading_is_a_step():
+    rng = np.random.default_rng(5)
+    for count in (20, 60, 300):
+        even = 0.0884 * np.arange(count) + NOISE["surge"] * rng.standard_normal(count)
+        assert step_of(even, least=NOISE["surge"]) == 0.0
+        off = NOISE["heave"] * rng.standard_normal(count)
+        off[count // 2] = 0.05
+        assert step_of(off, least=NOISE["heave"]) == 0.0

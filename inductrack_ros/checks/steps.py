@@ -11,6 +11,8 @@ from ..data.measurement import Array
 FEWEST_READINGS, OFTEN = 4, 10
 #: Readings are whole steps where all but this part of them are, to this part of a step.
 EXCEPTIONS, ROUNDED = 0.01, 0.02
+#: Readings of one step differ by the last bits of a conversion, by less than this part of it.
+SAME = 1e-6
 #: Differences of which a common divisor is sought at a time, and how often: of so many one in four has an exception
 #: among them, hardly ever all. Fewer different readings than the last would have one by chance.
 TOGETHER, TIMES, FEWEST = 32, 6, 12
@@ -32,7 +34,9 @@ def step_of(readings: Array, least: float = np.inf) -> float:
         return 0.0
     step = float(np.quantile(small, EXCEPTIONS))
     step = _sharpened(readings, different, float(np.median(small[small < 1.5 * step])))
-    return step if on_grid(readings, step) else _divisor(readings, different, small, least)
+    if on_grid(readings, step):
+        return 0.0 if _even_motion(readings, step) else step
+    return _divisor(readings, different, small, least)
 
 
 def on_grid(readings: Array, step: float) -> bool:
@@ -40,6 +44,21 @@ def on_grid(readings: Array, step: float) -> bool:
     steps = (readings - np.median(readings[: 2 * ((len(readings) - 1) // 2) + 1])) / step
     off = np.abs(steps - np.rint(steps)) > ROUNDED + 1e-6 * np.abs(steps)
     return bool(np.mean(off) <= EXCEPTIONS)
+
+
+def _makes(different: Array, step: float) -> bool:
+    """Whether it is rounding that brings readings on a grid: each of its points is one reading, not many that are near
+    each other."""
+    points = len(np.unique(np.rint((different - different[0]) / step)))
+    values = 1 + int(np.sum(np.diff(different) > SAME * step))
+    return points >= (1.0 - EXCEPTIONS) * values
+
+
+def _even_motion(readings: Array, step: float) -> bool:
+    """Whether the step is what an even motion covers from one reading to the next, to its noise."""
+    moved = np.diff(readings) / step
+    even = max(float(np.mean(np.rint(moved) == 1.0)), float(np.mean(np.rint(moved) == -1.0)))
+    return even > 0.5 and float(np.median(np.abs(moved - np.rint(moved)))) > ROUNDED**2
 
 
 def _sharpened(readings: Array, different: Array, step: float) -> float:
@@ -62,7 +81,7 @@ def _divisor(readings: Array, different: Array, apart: Array, least: float) -> f
         for difference in part[1:TOGETHER].tolist():
             step = _common(step, difference, 0.5 * least)
         step = _sharpened(readings, different, step)
-        if step > max(least, found) and on_grid(readings, step):
+        if step > max(least, found) and on_grid(readings, step) and _makes(different, step):
             found = step
     return found
 
