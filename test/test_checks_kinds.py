@@ -182,6 +182,22 @@ def test_american_units_are_named(factor, unit, pose, model):
     assert (found.kind, found.channel) == ("unit", "heave") and (unit in found.remedy or factor < 10)
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_travel_in_km_is_named(stated, pose, model):
+    short = changed(pose if stated else replace(pose, noise_std={}), "surge", lambda y: 1e-3 * y)
+    (found,) = impossible(look(short, model))
+    assert (found.kind, found.channel) == ("unit", "surge") and "in km" in found.remedy
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "mm"), (1e2, "cm")])
+def test_a_unit_of_heave_is_no_turned_frame(factor, unit, pose, model):
+    """A run whose heave sinks steadily: in mm, that is a straight line far out of its room."""
+    run = pose.runs[0]
+    sinking = changed(replace(pose, runs=(run,)), "heave", lambda y: factor * (y - np.linspace(0.0, 6e-3, len(y))))
+    (found,) = [f for f in impossible(look(sinking, model)) if f.channel == "heave"]
+    assert found.kind == "unit" and f"in {unit}" in found.remedy
+
+
 @pytest.mark.parametrize(("factor", "unit"), [(1 / 60, "min"), (1 / 86400, "days")])
 def test_a_clock_in_minutes_or_days_is_named(factor, unit, pose, model):
     slow = replace(pose, runs=tuple(replace(r, times=factor * r.times, stamps=factor * r.stamps) for r in pose.runs))

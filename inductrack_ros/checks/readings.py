@@ -34,7 +34,7 @@ SWAPS = (
     *(("gap_left", "gap_right"), ("gap_top", "gap_right"), ("gap_top", "gap_left")),
     *(("sway", "heave"), ("sway", "roll"), ("heave", "roll")),
 )
-_LENGTH = ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches"), (0.3048, "feet"))
+_LENGTH = ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches"), (0.3048, "feet"), (1e3, "km"))
 _ANGLE = ((np.pi / 180.0, "degrees"), (1e-3, "mrad"))
 #: Looked for where none of the others fits.
 _SMALL = ((2.54e-5, "thousandths of an inch"), (1e-6, "µm"))

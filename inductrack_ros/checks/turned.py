@@ -64,7 +64,8 @@ def _askew(campaign: Campaign, room: Mapping[str, float]) -> list[Finding]:
             slope = float(np.polyfit(x - x[0], y, 1)[0])
             beside = float(np.ptp(y - slope * x))
             drift = abs(slope) * float(np.ptp(x))
-            far = far and drift > max(0.5 * levels.OUTSIDE * room[channel], beside)
+            stays = beside < room[channel]  # else it is in another unit
+            far = far and stays and drift > max(0.5 * levels.OUTSIDE * room[channel], beside)
             slopes.append(slope)
         middle = float(np.median(slopes)) if slopes else 0.0
         if not slopes or not far or max(abs(s - middle) for s in slopes) > (1.0 - levels.ALIKE) * abs(middle):
