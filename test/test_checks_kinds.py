@@ -198,6 +198,14 @@ def test_a_unit_of_heave_is_no_turned_frame(factor, unit, pose, model):
     assert found.kind == "unit" and f"in {unit}" in found.remedy
 
 
+@pytest.mark.parametrize("runs", [1, None])
+def test_the_gap_in_the_place_of_heave_is_named(runs, pose, model):
+    gap = model.parameters["nominal_gap"]
+    (found,) = impossible(look(changed(replace(pose, runs=pose.runs[:runs]), "heave", lambda y: y + gap), model))
+    assert (found.kind, found.channel) == ("zero", "heave") and "the gap of the top array" in found.text
+    assert f"subtract the nominal gap, {gap:g} m" in found.remedy
+
+
 @pytest.mark.parametrize(("factor", "unit"), [(1 / 60, "min"), (1 / 86400, "days")])
 def test_a_clock_in_minutes_or_days_is_named(factor, unit, pose, model):
     slow = replace(pose, runs=tuple(replace(r, times=factor * r.times, stamps=factor * r.stamps) for r in pose.runs))

@@ -88,10 +88,28 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
         _, reading, then = tried[0]
         alike = [name for name, _, f in tried if total(f, among) < total(then, among) + TWINS]
         finding = _finding(campaign, alike, _factor(now, reading), {"off": left, "then": then})
+        if finding.kind == "axis_flipped" and finding.size["candidates"] == ["heave"]:
+            finding = _or_the_gap(finding, windows, model, now, then)
         chance = finding.size.get("factor") == 0.0 and (wanted is None or abs(wanted) > levels.EXACTLY - 1.0)
         found.append(judged(finding, windows, model) if chance else finding)
         now, left = reading, then
     return found if found else drive(campaign, windows, model, left) or _unlike(left)
+
+
+def _or_the_gap(finding: Finding, windows: Windows, model: Model, now: Reading, then: Mapping[str, float]) -> Finding:
+    """The finding that heave is flipped, which leaves ``then``, or that it is the top gap where that leaves no more:
+    both make of 5 mm over the track 5 mm under the middle."""
+    gap = model.parameters["nominal_gap"]
+    moved = replace(windows, values={**windows.values, "heave": windows.values["heave"] - gap})
+    left = misfits(moved, model, now)
+    if total(left, then) > total(then, then) + TWINS:
+        return finding
+    of_gap = f"subtract the nominal gap, {gap:g} m"
+    if total(left, then) > total(then, then):
+        return replace(finding, remedy=f"{finding.remedy}. Or is it the gap of the top array? Then {of_gap}")
+    text = "heave moves as the forces of the model say only from another zero: is it the gap of the top array?"
+    remedy = f"heave is 0 where all three gaps are the nominal gap: {of_gap}; if it grows downwards, change its sign"
+    return replace(finding, kind="zero", text=text, remedy=remedy, size={**finding.size, "zero": gap})
 
 
 def _unlike(left: Mapping[str, float]) -> list[Finding]:
