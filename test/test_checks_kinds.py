@@ -534,10 +534,11 @@ def test_a_force_that_all_runs_lack_is_no_wrong_current(current, model):
 
 
 def test_a_noise_of_one_run_that_is_in_another_unit_is_named(pose, model):
-    """Too short a travel for the model's forces to tell: kilometres are said by the noise alone."""
-    found = impossible(look(changed(pose, "surge", lambda y: 1e-3 * y, "b"), model))
+    """What no unit makes of the travel of one run its noise says alone; kilometres the model's forces tell too."""
+    found = impossible(look(changed(pose, "surge", lambda y: y / 40.0, "b"), model))
     assert [(f.kind, f.channel, f.run) for f in found] == [("noise_differs", "surge", "b")]
-    assert "in mm in all runs but b" in found[0].remedy
+    found = impossible(look(changed(pose, "surge", lambda y: 1e-3 * y, "b"), model))
+    assert [(f.kind, f.channel, f.run) for f in found] == [("unit", "surge", "b")] and "in km" in found[0].remedy
 
 
 def test_channels_that_changed_places_in_one_run_are_told_by_their_noise(pose, model):

@@ -295,10 +295,18 @@ def _others(
             continue
         yield f"{channel} flipped", now.times(channel, -1.0)
         for factor, unit in _ANGLE if channel == "roll" else _LENGTH:
-            yield f"{channel} in {unit}", now.times(channel, factor)
+            if channel != "surge" or factor * _speed(windows) < levels.FASTEST:
+                yield f"{channel} in {unit}", now.times(channel, factor)
     for pair in () if now.swapped else SWAPS:
         if set(pair) <= windows.values.keys() and not all(map(fits, pair)):
             yield f"{pair[0]} and {pair[1]} swapped", replace(now, swapped=pair)
+
+
+def _speed(windows: Windows) -> float:
+    """The largest mean speed (m/s) of surge over a window, as it is written."""
+    ends = [0, -1]
+    moved = np.diff(windows.values["surge"][:, ends], axis=1) / np.diff(windows.times[:, ends], axis=1)
+    return float(np.abs(moved).max())
 
 
 def _explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
