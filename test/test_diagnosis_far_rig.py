@@ -72,11 +72,7 @@ def test_noise_is_taken_anew_once_the_misfit_is_gone(tmp_path):
     assert found.noise["heave"] == pytest.approx(3e-5, rel=0.2)
 
 
-@pytest.mark.nightly  # what a known limit leaves right, the two tests above hold
-@pytest.mark.xfail(
-    strict=True,
-    reason="known effects imitate the rest of a law of lift beyond their range; what is named first is right",
-)
+@pytest.mark.nightly
 def test_damping_is_found_beside_a_wrong_law_of_lift(tmp_path):
     """A force in heave on heave is what is wrong; the search finds it, and a harmonic besides that only helps it
     along."""
@@ -89,10 +85,6 @@ def test_damping_is_found_beside_a_wrong_law_of_lift(tmp_path):
 
 
 @pytest.mark.nightly
-@pytest.mark.xfail(
-    strict=True,
-    reason="a lift that also fades in time: wheels that only damp are named, which no number of effects betrays",
-)
 def test_damping_is_named_and_something_is_left(tmp_path):
     found = diagnose(worse(tmp_path), Model.load(tmp_path / "rig.yaml"))
     assert found.verdict == "unknown_effect" and found.effects[:1] == ("heave_damping",)
