@@ -46,9 +46,8 @@ def ensemble(
         raise InputError("ensemble: only for drive: averaged; simulate runs by pulses one by one")
     given, known = parameters or {}, model.kernel.parameters
     columns = _columns(given, known, len(states))
-    lanes = model.lanes if len(states) >= (MANY_WITH_EFFECTS if model.switches.any() else MANY) else None
-    if lanes is not None:
-        asked = [known.index(name) for name in lanes.parameters]
+    in_lanes = len(states) >= (MANY_WITH_EFFECTS if model.switches.any() else MANY)
+    asked = [known.index(name) for name in model.lanes.parameters] if in_lanes else []  # compiled here, once
 
     def task(rows: slice) -> np.ndarray:
         x = states[rows]
@@ -61,9 +60,9 @@ def ensemble(
             full[:] = [model.with_effect_states(s, times[0], p) for s, p in zip(x, P, strict=True)]
         out = np.empty((len(x), times.size, len(MOTION)))
         done = np.zeros(len(x), np.int64)  # rows of each run
-        if lanes is not None:
+        if in_lanes:
             carried = full[:, model.active_states]
-            lanes.fly(times, times[0], carried, P[:, asked], model.moving, out, done)
+            model.lanes.fly(times, times[0], carried, P[:, asked], model.moving, out, done)
             full[:, model.active_states] = carried
         none = np.empty(0)
         for i in np.flatnonzero(done < times.size):
