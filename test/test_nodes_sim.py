@@ -321,12 +321,34 @@ def test_a_run_that_somebody_records_or_waits_for_stays_one(ros):
     assert not any(rest.look(away) for _ in range(3))
     away.x[0] = 1001.0  # above its balance speed it runs away
     assert [rest.look(away) for _ in range(4)] == [False, True, False, True]
+    for waits in (True, False):  # in lockstep the controller says when a run is over
+        assert Rest(ros.node, given | {"lockstep": waits}, controllers=0).is_past_track(away) is not waits
     recorder = ros.start("record", "-o", "bag", "/pose")
     ros.node.create_publisher(PoseStamped, "/pose", 1)
     ros.wait(lambda: recorders(ros.node, "/pose"), "the recorder")  # its name comes after the count
     rest = Rest(ros.node, given, controllers=0)
     assert not any(rest.look(simulation) for _ in range(4))
     assert recorder.stop() == 0
+
+
+def test_a_run_that_stays_one_ends_with_its_track(ros):
+    """It once went on to 1e9 m, and a reset then left it paused."""
+    poses = ros.listen(PoseStamped, "/inductrack/pose")
+    given = options(listeners=1, track_length=20.0, publish_clock="true", initial_state="surge_rate=17.0")
+    sim = ros.start("sim", *given)
+    ros.wait(lambda: "past the 20 m of its track (track_length)" in sim.output, "the end of the track")
+    assert "Reset begins anew" in sim.output
+    assert ros.call(SetBool, "/inductrack/sim/pause", data=False).message == "past its track; reset begins anew"
+    last = seconds(poses[-1])
+    assert 20.0 < poses[-1].pose.position.x < 20.1
+
+    starts = counted(poses, lambda m: seconds(m) == 0.0)
+    ros.call(Trigger, "/inductrack/sim/reset")
+    ros.wait(lambda: starts() and seconds(poses[-1]) == last, "the same run once more")
+    assert ros.call(SetBool, "/inductrack/sim/pause", data=True).message == "paused"
+    step = ros.call(Trigger, "/inductrack/sim/step")
+    assert not step.success and step.message == "past its track; reset begins anew"
+    assert sim.stop() == 0
 
 
 def test_another_namespace(ros):

@@ -20,9 +20,14 @@ class Rest:
     def __init__(self, node: Node, options: Mapping[str, object], controllers: int) -> None:
         self._node = node
         recorded = options["listeners"] > controllers
-        self._may_begin_anew = options["again"] and not options["lockstep"] and not recorded
+        self._waits = options["lockstep"]  # for a controller, who says how long a run is
+        self._may_begin_anew = options["again"] and not self._waits and not recorded
         self._end_of_track = options["track_length"]
         self._said = self._over = False
+
+    def is_past_track(self, simulation: Simulation) -> bool:
+        """Whether the run ends here: nothing holds a cradle beyond its track."""
+        return not self._waits and simulation.travelled > self._end_of_track
 
     def look(self, simulation: Simulation) -> bool:
         """Whether a new run is due: this one has been over for two looks, and nobody records. Says once why it is
@@ -39,7 +44,7 @@ class Rest:
     @property
     def _what_follows(self) -> str:
         if self._may_begin_anew:
-            return "Runs begin anew until this node ends (again:=false: they do not)"
+            return "Runs begin anew while nobody records, until this node ends (again:=false: they do not)"
         return "Reset begins anew"
 
     def _rested(self, simulation: Simulation) -> str:
@@ -55,8 +60,14 @@ class Rest:
         return f"the cradle has come to rest after {simulation.travelled:.1f} m: {why}. {self._what_follows}"
 
     def _ran_away(self, simulation: Simulation) -> str:
+        if simulation.model.drive == "pulses":
+            why = ". A larger track_length lets it fly on"
+        else:
+            why = (
+                ": above its balance speed thrust beats drag; hold its speed: drive:=pulses here, and track_controller"
+                " -p mode:=speed"
+            )
         return (
             f"the cradle is past the {self._end_of_track:g} m of its track (track_length), at"
-            f" {simulation.x[4]:.0f} m/s: above its balance speed thrust beats drag; hold its speed: drive:=pulses"
-            f" here, and track_controller -p mode:=speed. {self._what_follows}"
+            f" {simulation.x[4]:.0f} m/s{why}. {self._what_follows}"
         )

@@ -45,6 +45,7 @@ LIVE = {"speed_factor", "lockstep_timeout", "command_timeout", *PARAMETERS, *rig
 LONGEST_BATCH = 0.05  # s of real time spent on ticks before services and commands get their turn
 LONGEST_DEBT = 0.1  # s of real time that the simulation may lag and still catch up
 CATCH_UP = 2  # times the asked speed, at most, while it does: commands must get their turn between ticks
+OUT_OF_BOUNDS, PAST_TRACK = "out of bounds", "past its track"  # why a run ends by itself
 ASK_AGAIN = 1.0  # s without an answer after which a state in lockstep is published again for who may not have heard it
 
 
@@ -113,8 +114,11 @@ class SimNode(Node):
 
     def _restart_time(self) -> None:
         """Simulated time begins anew (start, reset)."""
-        self._out_of_bounds = False
         self._zero = time.time_ns() if self._epoch is None else self._epoch
+        self._begin_run()
+
+    def _begin_run(self) -> None:
+        self._over = ""  # why the run has ended by itself and time stands still
         self._published = False  # the initial state, to begin with
         self._resume()
 
@@ -128,8 +132,7 @@ class SimNode(Node):
             return
         self._zero = follows
         self.sensors.restart()
-        self._published = False
-        self._resume()
+        self._begin_run()
 
     def _resume(self) -> None:
         """From here on, so many ticks are due as real time passes (start, end of a pause, another speed factor)."""
@@ -150,7 +153,7 @@ class SimNode(Node):
             self._publish()
             # The first state takes longer than others; time begins once it is out, or a rush would follow.
             self._resume()
-        if self.paused:
+        if self.paused or self._over:
             return
         if now - self._last_wake > 2.0 / rate:
             self.deadline_misses += 1
@@ -165,12 +168,12 @@ class SimNode(Node):
             self._due_from = time.monotonic(), self.simulation.ticks
 
     def _tick(self) -> bool:
-        """One tick and what is published with it; False when the motion left all bounds."""
+        """One tick and what is published with it; False where it is the run's last."""
         try:
             begun = self.simulation.tick()
         except InputError as error:
             self.get_logger().error(str(error))
-            self.paused = self._out_of_bounds = True
+            self._over = OUT_OF_BOUNDS
             return False
         timeout = self._options["command_timeout"]
         if self.model.drive == "pulses" and self.queue.falls_silent(self.simulation.time, timeout):
@@ -180,7 +183,9 @@ class SimNode(Node):
         for count, pulse in enumerate(begun, self.queue.fired - len(begun) + 1):
             self._topics.fired(stamp_of(self._zero + round(pulse.time * 1e9)), pulse, count)
         self._publish()
-        return True
+        if self._rest.is_past_track(self.simulation):
+            self._over = PAST_TRACK
+        return not self._over
 
     def _publish(self) -> None:
         simulation, x = self.simulation, self.simulation.x
@@ -203,7 +208,7 @@ class SimNode(Node):
 
     def _look_after_lockstep(self) -> None:
         """Timer: publish the first state once somebody will answer; ask who came later, and say so when nobody does."""
-        if self.paused:
+        if self.paused or self._over:
             return
         silent = time.monotonic() - self._asked_at
         unheard = self._answerers.may_not_have_heard(self._questions)
@@ -260,7 +265,7 @@ class SimNode(Node):
 
     def _go_on(self) -> None:
         """Next tick, once the answer and all the pulses it speaks of are here."""
-        if self.paused or self._answer is None or self._pulses_since_tick < self._answer:
+        if self.paused or self._over or self._answer is None or self._pulses_since_tick < self._answer:
             return
         self._expect_answer()
         self._tick()
@@ -286,14 +291,19 @@ class SimNode(Node):
         self._resume()
         if self._options["lockstep"] and not self.paused:
             self._go_on()
-        response.success, response.message = True, "paused" if self.paused else "running"
+        going = f"{self._over}; reset begins anew" if self._over else "running"
+        response.success, response.message = True, "paused" if self.paused else going
         return response
 
     def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self.paused:
             response.success, response.message = False, "not paused: call pause with data: true first"
             return response
-        response.success = self._tick()
+        if self._over:
+            response.success, response.message = False, f"{self._over}; reset begins anew"
+            return response
+        self._tick()
+        response.success = self._over != OUT_OF_BOUNDS
         response.message = f"at {self._stamp_ns() / 1e9:.6f} s"  # as messages are stamped, also in a later run
         return response
 
@@ -342,7 +352,7 @@ class SimNode(Node):
         if not self.paused and self._rest.look(self.simulation):
             self._begin_anew()
         queue = self.queue
-        troubles = {"out of bounds": ""} if self._out_of_bounds else {}  # said when it happened
+        troubles = {self._over: ""} if self._over else {}  # said when it happened
         troubles |= strangers(self, self.model.drive == "pulses")
         self._diagnostics.publish(
             {
