@@ -25,7 +25,8 @@ from inductrack_ros.nodes.domain import claim_domain
 from inductrack_ros.nodes.ending import NO_ORPHAN
 
 _domain = claim_domain()  # before any import of rclpy reads the environment; held until the tests end
-os.environ["ROS_LOG_DIR"] = tempfile.mkdtemp(prefix="inductrack_ros_log_")
+_logs = tempfile.TemporaryDirectory(prefix="inductrack_ros_log_", ignore_cleanup_errors=True)
+os.environ["ROS_LOG_DIR"] = _logs.name
 os.environ["PYTHONUNBUFFERED"] = "1"
 # As the diagnosis itself does: where another worker has the second core its threads only spin.
 threadpool_limits(1, "blas")
@@ -61,6 +62,11 @@ def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.It
     for item in items:
         if item.get_closest_marker("nightly") and not session.config.getoption("--nightly"):
             item.add_marker(pytest.mark.skip(reason="takes minutes: make nightly"))
+
+
+def pytest_unconfigure() -> None:
+    """What ROS 2 logged is not left behind."""
+    _logs.cleanup()
 
 
 ANSWER = 5.0  # s without an answer after which it is asked again whether the way back is open

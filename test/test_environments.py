@@ -8,6 +8,7 @@ import errno
 import io
 import os
 import shutil
+import socket
 import sqlite3
 import subprocess
 import sys
@@ -31,6 +32,7 @@ from inductrack_ros.core.model import Model
 from inductrack_ros.core.output_folder import write_whole
 from inductrack_ros.core.paths import missing
 from inductrack_ros.data import bag_files, read_bag, sqlite_files
+from inductrack_ros.nodes import domain as domains
 from inductrack_ros.nodes.middleware import check_middleware
 
 AS_NOBODY = """
@@ -319,6 +321,23 @@ def test_a_domain_that_there_is_not(monkeypatch, domain):
 def test_a_domain_that_there_is(monkeypatch, domain):
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     check_middleware()
+
+
+def test_a_domain_in_which_somebody_speaks_is_not_claimed(monkeypatch, tmp_path):
+    """A node that was started by hand, or left over, once published into the tests."""
+    monkeypatch.setattr(domains.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(domains, "FIRST", 220)
+    for name in ("ROS_DOMAIN_ID", domains.RANGE):
+        monkeypatch.setenv(name, "")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as node:
+        monkeypatch.setattr(domains, "LAST", 221)
+        node.bind(("", domains.PORT + domains.PER_DOMAIN * 220 + 14))  # the third of its domain
+        with domains.claim_domain():
+            assert os.environ["ROS_DOMAIN_ID"] == "221"
+            with pytest.raises(RuntimeError, match="all ROS domains from 220 to 221 are in use"):
+                domains.claim_domain()
+    with domains.claim_domain():
+        assert os.environ["ROS_DOMAIN_ID"] == "220"
 
 
 @pytest.mark.parametrize("command", [["nodes.start", "sim"], ["cli", "watch"]])

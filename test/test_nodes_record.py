@@ -221,11 +221,23 @@ while rclpy.ok():
 )
 
 
+#: A recorder that waits for topics which have brought nothing for as long as a busy machine may keep their source.
+PATIENT = """
+import sys
+from inductrack_ros.nodes import record, start
+
+record.SILENT = 60.0
+sys.argv[0] = "record"
+start.record()
+"""
+
+
 def test_a_duration_is_that_of_every_topic(ros, tmp_path):
     """On a busy machine one topic comes long after another. The recording once ended with the first."""
-    bag, script = tmp_path / "bag", ros.folder / "late.py"
+    bag, script, patient = tmp_path / "bag", ros.folder / "late.py", ros.folder / "patient.py"
     script.write_text(LATE)
-    recorder = ros.start("record", "-o", str(bag), "-d", "1", "--stamp", "header")
+    patient.write_text(PATIENT)
+    recorder = ros.start(str(patient), "-o", str(bag), "-d", "1", "--stamp", "header")
     ros.start(str(script), "3", "0")
     assert recorder.wait() == 0
     recorded = numbers_in(bag)

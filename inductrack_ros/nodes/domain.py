@@ -5,11 +5,15 @@ from __future__ import annotations
 
 import fcntl
 import os
+import socket
 import tempfile
 from pathlib import Path
 from typing import IO
 
 FIRST, LAST = 40, 99  # clear of 0, which everybody uses, and of ports that Linux hands out by itself
+
+#: DDS gives participant n of a domain the port PORT + PER_DOMAIN × domain + 10 + 2 n; ROS 2 looks for so many of them.
+PORT, PER_DOMAIN, PARTICIPANTS = 7400, 250, 32
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 #: Any of these says how far discovery is to reach; then nothing is changed.
@@ -36,7 +40,8 @@ def reach() -> str:
 
 
 def claim_domain() -> IO[str]:
-    """Set ROS_DOMAIN_ID to one that no other process has claimed; it is held until the returned file is closed."""
+    """Set ROS_DOMAIN_ID to one that no other process has claimed and nobody speaks in; it is held until the returned
+    file is closed."""
     for number in range(FIRST, LAST + 1):
         path = Path(tempfile.gettempdir(), f"inductrack_ros_domain_{number}.lock")
         try:
@@ -48,7 +53,21 @@ def claim_domain() -> IO[str]:
         except OSError:
             lock.close()
             continue
+        if _somebody_speaks(number):
+            lock.close()
+            continue
         os.environ["ROS_DOMAIN_ID"] = str(number)
         os.environ[RANGE] = "LOCALHOST"
         return lock
     raise RuntimeError(f"all ROS domains from {FIRST} to {LAST} are in use on this machine")
+
+
+def _somebody_speaks(domain: int) -> bool:
+    """Whether a node is there that claimed nothing: started by hand, or left over."""
+    for number in range(PARTICIPANTS):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", PORT + PER_DOMAIN * domain + 10 + 2 * number))
+            except OSError:
+                return True
+    return False
