@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 import yaml
 from builtin_interfaces.msg import Time
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import MarkerArray
 
 from inductrack_ros.core.model import Model
+from inductrack_ros.core.options import SIM
 from inductrack_ros.core.state import GAPS
 from inductrack_ros.nodes import interface_tables, layouts
 from inductrack_ros.nodes.messages import message_class
@@ -99,6 +101,25 @@ def test_rviz_shows_what_exists(types):
     for display in displays:
         assert type_of(display["Topic"]["Value"], types).endswith("/" + drawn[display["Class"].rpartition("/")[2]])
     assert {d["Topic"]["Value"] for d in displays} >= {"/inductrack/forces", "/inductrack/scene"}
+
+
+@pytest.mark.parametrize("reliability", SIM["reliability"].choices)
+def test_rviz_is_connected_to_all_that_it_shows(ros, reliability):
+    """By the types and the quality of service that a running simulator offers. RViz once asked for reliable topics."""
+    rviz = yaml.safe_load((ROOT / "rviz" / "forces.rviz").read_text(encoding="utf-8"))
+    topics = [display["Topic"] for display in rviz["Visualization Manager"]["Displays"]]
+    sim = ros.start("sim", "--ros-args", "-p", f"reliability:={reliability}")
+    offered = ros.node.get_publishers_info_by_topic
+    ros.wait(lambda: all(offered(topic["Value"]) for topic in topics), "publishers of what RViz shows")
+    for topic in topics:
+        asked = QoSProfile(
+            depth=topic["Depth"],
+            reliability=ReliabilityPolicy.get_from_short_key(topic["Reliability Policy"].replace(" ", "_").lower()),
+            durability=DurabilityPolicy.get_from_short_key(topic["Durability Policy"].replace(" ", "_").lower()),
+        )
+        for end in offered(topic["Value"]):
+            assert qos_check_compatible(end.qos_profile, asked)[0] != QoSCompatibility.ERROR, topic["Value"]
+    assert sim.stop() == 0
 
 
 def test_the_scene_is_the_rig():
