@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
 from pathlib import Path
 
@@ -52,3 +53,20 @@ def test_every_source_file_says_its_licence():
     assert len(files) > 200
     without = [str(f) for f in files if "SPDX-License-Identifier: Apache-2.0" not in f.read_text("utf-8")[:100]]
     assert not without
+
+
+def test_sphinx_can_read_every_docstring():
+    """`make docs` and rosdoc2 make pages of them; a fold in an item of a list was an error there."""
+    publish_doctree = pytest.importorskip("docutils.core").publish_doctree  # comes with colcon
+    documented = ast.Module, ast.ClassDef, ast.FunctionDef
+    wrong, read = [], 0
+    for path in sorted(Path("inductrack_ros").rglob("*.py")):
+        nodes = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, documented)]
+        for text in filter(None, map(ast.get_docstring, nodes)):
+            read += 1
+            tree = publish_doctree(text, settings_overrides={"report_level": 5, "halt_level": 5})
+            wrong += [
+                f"{path}: {said.astext()} {text[:60]!r}"
+                for said in tree.findall(lambda node: node.tagname == "system_message" and node["level"] > 1)
+            ]
+    assert read > 1000 and not wrong, "\n".join(wrong)

@@ -58,8 +58,7 @@ class Campaign:
     remarks: what is to be said of the campaign as a whole, one line each
     limits: what a run of the rig may not leave
     sharpen: the parameter that the next run is to determine better, or None
-    rounding: standard deviation of the rounding, SI, by channel that reads in steps; no noise is less. A look at the
-        data finds it
+    rounding: standard deviation (SI) of the rounding by channel that reads in steps, as a look at the data finds it
     """
 
     name: str
