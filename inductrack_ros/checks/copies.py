@@ -84,8 +84,10 @@ def _same(runs: tuple[Run, ...]) -> set[tuple[int, int]]:
 
 
 def _tells(about: Channel) -> bool:
-    """Whether a channel's readings tell two measurements of one motion apart: two that are rounded to one step are the
-    same in more than half of all readings where the noise beside the rounding is smaller than half a step."""
+    """Whether a channel's readings tell two measurements of one motion apart.
+
+    Two that are rounded to one step are the same in more than half of all readings where the noise beside the rounding
+    is smaller than half a step."""
     return about.noise**2 > about.step**2 * (1.0 / 12.0 + BESIDE**2)
 
 

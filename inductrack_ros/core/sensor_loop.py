@@ -151,9 +151,11 @@ def follow(t, h, x, rig, run, p, P, work, matrices, row, seen):
     """Carry the states x from t to t + h.
 
     J is the rates' derivative by x at t, and g = rates − J x, which depends on time alone where the rates are linear.
-    x(t + h) = x + h (φ_1(hJ) f_0 + φ_2(hJ) (−3 g_0 + 4 g_m − g_1) + φ_3(hJ) 4 (g_0 − 2 g_m + g_1)) integrates the
-    parabola through g at the beginning, the middle and the end exactly. Where the rates are not linear, g_m and g_1 are
-    taken at states that a step of the first order predicts.
+    The parabola through g at the beginning, the middle and the end is integrated exactly:
+
+        x(t + h) = x + h (φ_1(hJ) f_0 + φ_2(hJ) (−3 g_0 + 4 g_m − g_1) + φ_3(hJ) 4 (g_0 − 2 g_m + g_1))
+
+    Where the rates are not linear, g_m and g_1 are taken at states that a step of the first order predicts.
     """
     f0, rates, moved, b2, b3, none = work[0], work[1], work[2], work[3], work[4], work[5]
     J, A, B, C = matrices[0], matrices[1], matrices[2], matrices[3]

@@ -219,8 +219,8 @@ def columns_for(channels: Iterable[str], known: Iterable[Effect]) -> int:
 def counts_from_start(model: Model) -> bool:
     """Whether a piece of a run cannot be simulated by itself.
 
-    There are three reasons: an effect needs the time or the travel since the run began; a sensor has states, which are
-    unknown in the middle of a run; a sensor's clock gains on the run's."""
+    There are three reasons. An effect needs the time or the travel since the run began. A sensor has states, which are
+    unknown in the middle of a run. A sensor's clock gains on the run's."""
     if any({"time", "travel"} & set(model.known_effects[name.partition(":")[0]].arguments) for name in model.effects):
         return True
     sensors = Sensors.of(model)

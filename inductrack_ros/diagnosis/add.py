@@ -37,9 +37,10 @@ def add_effect(
     deviance.
 
     ``verdict`` is ``unknown_effect`` where more than noise is left, else ``missing_effect``, or ``adequate`` where the
-    effect gains no more than chance would. ``hear`` is told what a look at the data finds. Raises `InputError` for data
-    that cannot be meant as they are written, and for an effect that is not known, is in the model already, or is a
-    fault of a sensor that no run has."""
+    effect gains no more than chance would. ``hear`` is told what a look at the data finds.
+
+    Raises `InputError` for data that cannot be meant as they are written. It is raised as well for an effect that is
+    not known, that is in the model already, or that is a fault of a sensor that no run has."""
     began = time.monotonic()
     campaign, seen = admit(campaign, model)
     hear(seen)

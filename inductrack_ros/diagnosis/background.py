@@ -141,7 +141,9 @@ def remembering(problem: Problem, whitened: Sequence[np.ndarray]) -> set[str]:
 
 def uneven(problem: Problem, whitened: Sequence[np.ndarray]) -> list[str]:
     """Runs in which the innovations of every channel are larger, or of every channel smaller, than in most runs, by
-    more than chance makes them: physics that is missing does not show in all channels alike."""
+    more than chance makes them.
+
+    Physics that is missing does not show in all channels alike."""
     shape = len(problem.runs), len(problem.channels)
     powers, counts = np.ones(shape), np.zeros(shape)
     for i, (d, w) in enumerate(zip(problem.runs, whitened, strict=True)):

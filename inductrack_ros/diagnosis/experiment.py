@@ -127,8 +127,8 @@ def pair(
 ) -> Proposal | None:
     """Two of the runs that together set every rival apart by `SETTLED` sigmas; None where none do that promise it.
 
-    A rival that is fitted to both at once has one set of parameters for them, so it is at least as far off as the two
-    separations say together, √(a² + b²), and further where the runs pull at different parameters."""
+    A rival that is fitted to both at once has one set of parameters for them. So it is at least as far off as the two
+    separations say together, √(a² + b²). It is further off where the runs pull at different parameters."""
 
     def apart(both: tuple[MenuRun, MenuRun], separation: Callable) -> Proposal:
         found = [made for run in both if (made := made_run(problem, chosen.model, run)) is not None]
@@ -185,8 +185,9 @@ def made_run(problem: Problem, model: Model, planned: MenuRun) -> Problem | None
 
 
 def _separation(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str]) -> float:
-    """√χ² that a rival is left with on the runs made, after refitting their initial states and, as far as the runs so
-    far leave room, its parameters; infinite where it leads beyond all numbers."""
+    """√χ² that a rival is left with on the runs made; infinite where it leads beyond all numbers.
+
+    Their initial states are refitted and, as far as the runs so far leave room, its parameters."""
     prior, point = _begun(made, chosen, rival, undetermined)
     return _left(made, prior, shooting.fit(made, prior, point, REFIT_STEPS).point)
 

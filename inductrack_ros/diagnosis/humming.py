@@ -25,7 +25,7 @@ def humming(problem: Problem, whitened: Sequence[Array]) -> dict[str, float]:
 
     The power of white noise at a frequency is an exponential variable, so that of all runs and channels together is a
     gamma variable. The strongest frequency is a hum where chance makes such a one in `LEVEL` of campaigns, all
-    frequencies counted, and the channels that show it there are those in which chance makes it as seldom, all channels
+    frequencies counted. The channels that show it are those in which chance makes it as seldom, all channels
     counted."""
     step = float(np.median(np.concatenate([np.diff(np.unique(d.time)) for d in problem.runs])))
     longest = max(float(np.ptp(d.time)) for d in problem.runs)

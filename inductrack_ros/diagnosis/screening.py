@@ -393,7 +393,8 @@ class Law:
 @dataclass(frozen=True)
 class Equations:
     """Normal equations of a table of a force: its matrix ``gram`` (l, l) and right-hand side ``score`` (l,) over noise,
-    all else projected out, at a power of the disturbances that alone raises the deviance by ``rise``."""
+    all else projected out. They hold at a ``power`` (4,) of the disturbances that alone raises the deviance by
+    ``rise``."""
 
     acts_on: str
     variable: str

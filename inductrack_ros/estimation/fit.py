@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least squares over all runs: global parameters and each run's initial state, by Levenberg–Marquardt.
 
-The normal equations have an arrow's shape (each run's initial state meets only its own samples), so the initial states
-are eliminated run by run (Schur complement) and the step costs next to nothing beside the simulations. Where a joint
-step falls short of its promise, each run's initial state is fitted anew beside the new parameters (variable
+The normal equations have an arrow's shape, for each run's initial state meets only its own samples. So the initial
+states are eliminated run by run (Schur complement), and the step costs next to nothing beside the simulations. Where a
+joint step falls short of its promise, each run's initial state is fitted anew beside the new parameters (variable
 projection)."""
 
 from __future__ import annotations

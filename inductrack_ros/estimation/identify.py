@@ -2,8 +2,8 @@
 """Which parameters a handful of measurements fix, and how well: the identification (28) of the paper, with its errors.
 
 The paper's measurements are travel distances: the cradle is shot off at a known speed and one notes how far it got.
-Everything here works on a misfit, a function from parameter values to residuals, so distances, time series or both
-are fitted by the same lines: by least squares and by Nelder–Mead (the paper's method), which must agree.
+Everything here works on a misfit, a function from parameter values to residuals. So distances, time series or both
+are fitted by the same lines. Least squares and Nelder–Mead (the paper's method) must agree.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ class Identification:
     def _held(self, u: Array, held: int, jacobian: Array, tolerance: float) -> tuple[Array, float]:
         """Minimise over all coordinates but ``held``; returns u and the misfit, the latter good to ``tolerance``.
 
-        Gauss–Newton with the ``jacobian`` (n, p) of a point near by, which costs one simulation a step; where that does
-        not go down, or goes down slowly, the derivatives are taken afresh, and then the step is halved.
+        Gauss–Newton with the ``jacobian`` (n, p) of a point near by, which costs one simulation a step. Where that does
+        not go down, or goes down slowly, the derivatives are taken afresh. If that does not help, the step is halved.
         """
         moving = np.flatnonzero(np.arange(len(u)) != held)
         r, fresh, halvings, last = self._residuals(u), False, 0, math.inf
@@ -284,7 +284,7 @@ class Profile:
     """Profile likelihood of one parameter.
 
     values (n,), the rise of the least misfit over noise² at each (n,), all parameters there (n, p), the threshold of
-    the 95 % interval, and the interval's ends; an end is infinite where the profile never leaves the threshold.
+    the 95 % interval, and the interval's ends. An end is infinite where the profile never leaves the threshold.
     """
 
     name: str

@@ -145,7 +145,7 @@ def log_determinant(tally: np.ndarray) -> float:
     """Σ log of all innovations' variances, from what all runs tell (5, channels); 1 more for each reading that does not
     count here, but may in another fit.
 
-    Such a reading costs what others of its channel cost that are nothing but noise to the model: a deviance compares
+    Such a reading costs what others of its channel cost that are nothing but noise to the model. So a deviance compares
     with that of other contacts, and how stiff a node's contact happens to be does not matter."""
     counted, wider, many, of_noise, rest = tally
     return float(np.sum(counted + of_noise + rest * (1.0 + wider / np.maximum(many, 1.0))))

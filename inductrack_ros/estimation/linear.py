@@ -231,7 +231,7 @@ def pieces(
     some: slice = slice(None),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's
-    offsets and theta; or at ``some`` neighbouring nodes, of which the last is no piece."""
+    offsets and theta. With ``some`` these are at some neighbouring nodes, of which the last is no piece."""
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, thetas)
     grid, nodes = data.grid[some], np.ascontiguousarray(path[some])

@@ -172,7 +172,7 @@ class SeriesMisfit:
     The first fit, over growing horizons, finds parameters and initial states. After it, the initial states are
     eliminated: what a small change of them could take from the residuals is taken, with the derivatives at that fit.
     ``start`` (p,) is what it found. Sway and roll are held at zero where nothing measured shows them and the campaign
-    does not ask for them: they enter squared, and a fit that is free to use them soaks up noise."""
+    does not ask for them. They enter squared, and a fit that is free to use them soaks up noise."""
 
     noise_known = True
 

@@ -323,58 +323,71 @@ class Problem:
         """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
 
         ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of
-        the work. With ``one_sided`` differences those by the initial
-        states cost half; they say where to go, not how well a state is known."""
-        g = len(theta)
+        the work. With ``one_sided`` differences those by the initial states cost half; they say where to go, not how
+        well a state is known."""
         low, high = structure.bounds
         up = np.minimum(theta + THETA_STEP, high)
         down = np.maximum(theta - THETA_STEP, low)
         if reuse is not None:  # a quick look takes one-sided differences
             down = np.where(up > theta, theta, down)
+        of_states = (1.0,) if one_sided else (1.0, -1.0)
 
         def task(i: int) -> Linearisation:
-            data = self.runs[i]
-            free = data.free_states if reuse is None else data.free_states[:0]
-            tables = structure.tables
-            single = [k for k in range(g) if not any(k in columns for columns in tables.values())]
-            points = [(k, side[k]) for side in (up, down) for k in single if side[k] != theta[k]]
-            sides = (1.0,) if one_sided else (1.0, -1.0)
-            jobs = 1 + len(points) + len(sides) * len(free)
-            thetas, x = np.tile(theta, (jobs, 1)), np.tile(states[i], (jobs, 1))
-            for j, (k, v) in enumerate(points):
-                thetas[1 + j, k] = v
-            moved = 1 + len(points) + np.arange(len(sides) * len(free)).reshape(len(sides), len(free))
-            for rows, side in zip(moved, sides, strict=True):
-                x[rows, free] += side * STATE_STEPS[free]
-            P = self.vectors(structure, i, thetas)
-            # As where only a sensor's parameter moves: one simulation.
-            alike = (P == P[0]).all(axis=1) & (x == x[0]).all(axis=1)
-            apart = np.flatnonzero(~alike)
-            out = self._simulated(structure.model, i, P[[0, *apart]], x[[0, *apart]])
-            which = np.zeros(jobs, np.int64)
-            which[apart] = 1 + np.arange(apart.size)
-            read = self.predict(structure, i, thetas, out, which)
-            weight = 1.0 / self.sigma[data.channel]
-            at = {(k, v): 1 + j for j, (k, v) in enumerate(points)}
-            ends = [(read[at.get((k, up[k]), 0)], read[at.get((k, down[k]), 0)]) for k in range(g)]
-            slopes = [
-                _slope(a - read[0], up[k] - theta[k], read[0] - b, theta[k] - down[k]) for k, (a, b) in enumerate(ends)
-            ]
-            by_theta = np.array(slopes).reshape(g, data.y.size)
-            for effect, columns in tables.items():
-                table = self._table_columns(structure, i, theta, states[i], out[0], effect, columns)
-                by_theta[columns] = table / weight
-            steps = STATE_STEPS[free][:, None]
-            ahead, behind = read[moved[0]] - read[0], read[0] - read[moved[-1]]
-            by_state = ahead / steps if one_sided else _slope(ahead, steps, behind, steps)
-            return Linearisation(
-                (data.y - read[0]) * weight,
-                (by_theta * weight).T,
-                (by_state * weight).T if reuse is None else reuse[i].by_state,
-                data.free_states,
-            )
+            if reuse is None:
+                return self._linearised(structure, i, (theta, up, down), states[i], of_states)
+            known = self._linearised(structure, i, (theta, up, down), states[i], ())
+            return replace(known, by_state=reuse[i].by_state)
 
         return self.for_runs(task)
+
+    def _linearised(
+        self,
+        structure: Structure,
+        i: int,
+        around: tuple[np.ndarray, np.ndarray, np.ndarray],
+        state: np.ndarray,
+        sides: Sequence[float],
+    ) -> Linearisation:
+        """Residuals and derivatives of run i; ``around`` is theta with what it is moved up and down to, ``sides`` the
+        signs by which each free initial state is moved (none: no derivatives by these)."""
+        data, (theta, up, down), tables = self.runs[i], around, structure.tables
+        g, free = len(theta), data.free_states if sides else data.free_states[:0]
+        single = [k for k in range(g) if not any(k in columns for columns in tables.values())]
+        points = [(k, side[k]) for side in (up, down) for k in single if side[k] != theta[k]]
+        jobs = 1 + len(points) + len(sides) * len(free)
+        thetas, x = np.tile(theta, (jobs, 1)), np.tile(state, (jobs, 1))
+        for j, (k, v) in enumerate(points):
+            thetas[1 + j, k] = v
+        moved = 1 + len(points) + np.arange(len(sides) * len(free)).reshape(len(sides), len(free))
+        for rows, side in zip(moved, sides, strict=True):
+            x[rows, free] += side * STATE_STEPS[free]
+        out, read = self._read(structure, i, thetas, x)
+        weight = 1.0 / self.sigma[data.channel]
+        at = {(k, v): 1 + j for j, (k, v) in enumerate(points)}
+        ends = [(read[at.get((k, up[k]), 0)], read[at.get((k, down[k]), 0)]) for k in range(g)]
+        slopes = [
+            _slope(a - read[0], up[k] - theta[k], read[0] - b, theta[k] - down[k]) for k, (a, b) in enumerate(ends)
+        ]
+        by_theta = np.array(slopes).reshape(g, data.y.size)
+        for effect, columns in tables.items():
+            by_theta[columns] = self._table_columns(structure, i, theta, state, out[0], effect, columns) / weight
+        by_state = np.zeros((0, data.y.size))
+        if sides:
+            steps, ahead, behind = STATE_STEPS[free][:, None], read[moved[0]] - read[0], read[0] - read[moved[-1]]
+            by_state = ahead / steps if len(sides) == 1 else _slope(ahead, steps, behind, steps)
+        return Linearisation(
+            (data.y - read[0]) * weight, (by_theta * weight).T, (by_state * weight).T, data.free_states
+        )
+
+    def _read(self, structure: Structure, i: int, thetas: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is simulated of run i, the first of all as it is, and what the sensors read (jobs, m), for each row of
+        thetas and of initial states. Rows in which only a sensor's parameter moves share one simulation."""
+        P = self.vectors(structure, i, thetas)
+        apart = np.flatnonzero(~((P == P[0]).all(axis=1) & (x == x[0]).all(axis=1)))
+        out = self._simulated(structure.model, i, P[[0, *apart]], x[[0, *apart]])
+        which = np.zeros(len(x), np.int64)
+        which[apart] = 1 + np.arange(apart.size)
+        return out, self.predict(structure, i, thetas, out, which)
 
     def _table_columns(self, structure, i, theta, state, outputs, effect: str, columns: Sequence[int]) -> np.ndarray:
         """Derivative (l, m) over noise by a stand-in's table: the response to each of its basis functions."""

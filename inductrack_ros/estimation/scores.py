@@ -2,7 +2,7 @@
 """What further columns would explain at a fit: whitened scores at several powers of the disturbances.
 
 A missing effect makes the plant look shaken, and a shaken plant hides it. So every question is asked at the power that
-the fit found and at smaller ones, of all coordinates down to none and of each alone, and each answer may take the power
+the fit found and at smaller ones, of all coordinates down to none and of each alone. Each answer may take the power
 that suits it best. All of it is linear algebra on the normal equations of one linearisation, whatever the number of
 runs and samples."""
 
@@ -204,8 +204,10 @@ def scores(
     shares: Sequence[float] = SHARES,
     bounds: Mapping[str, np.ndarray] | None = None,
 ) -> Scores:
-    """The scores of named columns, each given for every run, at a fit, at these shares of the power and at one of each
-    coordinate's alone; beside each of the backgrounds, the fit's own unless given.
+    """The scores at a fit of named columns, each given for every run.
+
+    They are taken at these shares of the power and at one of each coordinate's alone, beside each of the backgrounds
+    (the fit's own unless given).
 
     ``bounds`` (k, 2) of a name's coefficients, where they may not go anywhere."""
     places, end, limits = {}, 0, [np.empty((0, 2))]

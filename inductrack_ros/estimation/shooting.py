@@ -140,9 +140,9 @@ def exactly(
 
     Where nothing shakes the rig this is the deterministic fit, and friction and lift during a contact are known as well
     as the data know them. Where something does, a node's noise in a stiff contact looks like a normal force, and the
-    fit is not to be believed. Gauss–Newton steps from node to node may end with defects left over a stiff contact; a
-    fit from end to end (``whole``) has none, and is gone on from where it leaves nothing but noise, or where that ends
-    lower."""
+    fit is not to be believed. Gauss–Newton steps from node to node may end with defects left over a stiff contact. A
+    fit from end to end (``whole``) has none. The fit goes on from there where it leaves nothing but noise, or where
+    that ends lower."""
     point = replace(point, processes=tuple(p for p in point.processes if p.kind != IMPACT), exact=True)
     whole = whole or end_to_end.fit(problem, structure, [path[0, :8] for path in point.paths], point.theta, FLOWN_STEPS)
 
@@ -279,8 +279,8 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
 
     Its deviance is what the linear runs promise and by how much the trajectories that are flown miss that: far from
     linear a promise is not kept. What is missed says nothing where a coordinate is free to run anywhere, for no reading
-    shows it, nor where contact is taken exactly: there trajectories begin as flown, and a stiff contact makes much of
-    little."""
+    shows it. It says nothing where contact is taken exactly either: there trajectories begin as flown, and a stiff
+    contact makes much of little."""
     plain = linearise_all(problem, point, structure)
     settled = settle(problem, structure, plain, point, POWER_STEPS, follow=True)
     A = len(structure.model.active_states)

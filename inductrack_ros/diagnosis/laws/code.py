@@ -26,8 +26,8 @@ FILE = "proposed_effects.py"
 
 @dataclass(frozen=True)
 class Written:
-    """A law to be written: its form, what it acts on and depends on, its values, the range of the data, what its
-    docstring says, and what it is multiplied by (without that one's scale)."""
+    """A law to be written: its form, what it acts on and depends on, its values, the range of the data and what its
+    docstring says. ``factor`` is what it is multiplied by, without its scale."""
 
     form: Form
     acts_on: str

@@ -93,7 +93,7 @@ class Table:
 @dataclass(frozen=True)
 class Fitted:
     """A form fitted to a table: its parameters with their standard deviations, the misfit χ² of ``dof`` degrees of
-    freedom, the p-value of that, and what it costs (χ² and log n for each parameter, Schwarz 1978)."""
+    freedom and its p-value. Its cost is χ² and log n for each parameter (Schwarz 1978)."""
 
     form: Form
     parameters: Mapping[str, float]
