@@ -106,6 +106,6 @@ def _rviz(share: Path, namespace: str, given: dict[str, str]) -> Node:
         config = str(made)
     time = {"use_sim_time": True} if given["use_sim_time"] == "true" else {}
     return Node(
-        package="rviz2", executable="rviz2", namespace=namespace, arguments=["-d", config], prefix=NO_ORPHAN,
-        parameters=[time] if time else [], ros_arguments=["--log-level", given["log_level"]],
+        package="rviz2", executable="rviz2", exec_name="rviz2", namespace=namespace, arguments=["-d", config],
+        prefix=NO_ORPHAN, parameters=[time] if time else [], ros_arguments=["--log-level", given["log_level"]],
     )  # fmt: skip

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from ament_index_python.packages import get_packages_with_prefixes
 from conftest import BIN, newest_in, wait_until
 
 from inductrack_ros.core.errors import InputError
@@ -188,7 +189,7 @@ def test_a_bag_holds_the_run_from_its_first_message(ros, launched, pulses_file):
 )
 def test_what_is_wrong_is_said_before_anything_starts(launched, arguments, said):
     """The simulator once stayed behind as an orphan."""
-    if arguments.startswith("rviz") and importlib.util.find_spec("rviz2"):
+    if arguments.startswith("rviz") and "rviz2" in get_packages_with_prefixes():
         pytest.skip("rviz2 is installed")
     launch = launched(arguments)
     assert launch.wait() == 1
@@ -221,6 +222,33 @@ def test_a_launch_that_is_killed_leaves_nobody_behind(ros, launched, number):
     launch.wait()
     wait_until(lambda: gone(processes(launch).values()), "the end of what was started")
     assert read_bag(ros.folder / "run", {"pose": "/inductrack/pose"}).times.size
+
+
+#: Stands in for RViz, of which the launch file needs no more than the name of its package.
+RVIZ = """#!/bin/sh
+echo "started as rviz2 $*" >&2
+trap "exit 0" INT
+sleep 600 & wait
+"""
+
+
+def test_rviz_gets_the_topics_and_frames_of_its_rig_and_may_be_closed(ros, launched):
+    prefix = ros.folder / "prefix"
+    (prefix / "share/ament_index/resource_index/packages/rviz2").touch()
+    program = prefix / "lib" / "rviz2" / "rviz2"
+    program.parent.mkdir()
+    program.write_text(RVIZ)
+    program.chmod(0o755)
+
+    launch = launched("rviz:=true namespace:=/rig frame_prefix:=rig/ use_sim_time:=true")
+    launch.wait_for("started as rviz2")
+    (config,) = re.findall(r"started as rviz2 -d (\S+) ", launch.output)
+    assert "/rig/scene" in Path(config).read_text() and '"rig/cradle"' in Path(config).read_text()
+    assert "__ns:=/rig" in launch.output and "--params-file" in launch.output  # that of use_sim_time
+    launch.wait_for("500 Hz")
+    os.kill(processes(launch)["rviz2"], signal.SIGINT)
+    launch.wait_for("[rviz2-2]: process has finished cleanly")
+    assert not gone([processes(launch)["sim"]]) and launch.stop() == 0
 
 
 def test_ctrl_c_reaches_a_node_twice_and_it_ends_clean(launched):
