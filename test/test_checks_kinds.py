@@ -516,13 +516,6 @@ def test_a_coasting_run_that_is_said_to_be_driven_is_named(model):
     assert (found.severity, found.run) == (IMPOSSIBLE, "b") and "drive_current (3500 A) does nothing" in found.line
 
 
-def test_runs_that_have_each_others_current_are_named(pose, model):
-    """Of the slowest run the drive might just be stronger."""
-    found = look(currents(pose, 3600 / 7000, 1, 7000 / 3600), model)
-    assert {(f.run, f.severity) for f in found} == {("a", WARNING), ("c", IMPOSSIBLE)}
-    assert {(f.kind, f.channel) for f in found} == {("unlike", "drive_current")}
-
-
 @pytest.mark.parametrize("current", [3500.0, 2500.0, 1800.0])
 def test_a_force_that_all_runs_lack_is_no_wrong_current(current, model):
     """As a part of its current each run lacks another share."""

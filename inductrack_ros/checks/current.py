@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,10 @@ from ..core.model import Model
 from ..data import Campaign
 from ..data.measurement import Array
 from . import levels
-from .balance import FEWEST, SURE, Reading, Windows, bad, middle, misfits, needed_currents, needed_factor, windows_of
+from .balance import SURE, bad, middle, misfits, needed_currents, needed_factor
 from .finding import IMPOSSIBLE, WARNING, Finding, number, shared
 from .noise_found import Channel
+from .windows import FEWEST, Reading, Windows, windows_of
 
 #: The factor is √2 where it is this near to it.
 _NEAR = 1.1
@@ -108,6 +110,8 @@ def against_others(
         return findings
     moved = _moved(campaign, channels, model, most)
     rest = [f for f in findings if f not in mine]
+    if exchanged := _exchanged({name: m for name, m in moved.items() if m.stated > 0.0}):
+        return [*rest, exchanged]
     said_off = {run.name for run in campaign.runs if run.drive_current == 0.0}
     if not any(said_off & set(f.size.get("runs", ())) for f in mine):
         driven = {name: m for name, m in moved.items() if m.stated}
@@ -119,6 +123,23 @@ def against_others(
         if _alike(lacks, levels.SCALE):
             return [*rest, _force(float(np.median(lacks)), list(driven))]
     return [*rest, *(_apart(f, moved) for f in mine)]
+
+
+def _exchanged(driven: Mapping[str, _Moved]) -> Finding | None:
+    """Two runs with each other's current: once it is exchanged every run moves as its current says."""
+    for (one, a), (other, b) in combinations(driven.items(), 2):
+        stated = {name: m.stated for name, m in driven.items()} | {one: b.stated, other: a.stated}
+        fit = all(_alike([m.needed, stated[name]], levels.ONE_CURRENT) for name, m in driven.items())
+        if not fit or _alike([a.stated, b.stated], levels.SCALE):
+            continue
+        text = (
+            f"{one} moves as the {number(b.stated, 4)} A of {other} would move it, and {other} as the"
+            f" {number(a.stated, 4)} A of {one}"
+        )
+        size = {"runs": [one, other], "factor": b.stated / a.stated}
+        remedy = "exchange drive_current of the two in campaign.yaml"
+        return Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", size=size)
+    return None
 
 
 def _alike(values: list[float], most: float) -> bool:

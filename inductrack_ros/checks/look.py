@@ -170,9 +170,11 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     jumped = {f.channel for f in findings if f.kind == "value_jump"}
     apart = {f.channel for f in impossible(findings) if "runs" in f.size}
     late = any(f.kind == "time_jitter" for f in findings)
+    swapped = {(run, *sorted(f.size.get("candidates", ()))) for f in findings for run in f.size.get("runs", ())}
     kept = []
     for f in findings:
         whole = f.size.get("of", f.channel)
+        by_noise = f.kind == "axis_flipped" and "candidates" in f.size and "runs" not in f.size
         explained = (
             (
                 f.kind == "noise_differs"
@@ -180,6 +182,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
             )
             or (f.kind == "unit" and "slope" in f.size and (time or whole in units or f.channel in units))
             or (f.kind == "sign" and whole in flipped)
+            or (by_noise and (f.run, *sorted(f.size["candidates"])) in swapped)
             or (f.kind == "zero" and f.channel in ACCELERATIONS and (in_g or inverted))
             or (turned and (f.kind == "time_jitter" or f.channel in RATES))
             or (f.kind in ("offset", "hum", "coloured_noise") and (time or whole in units or f.channel in jumped))

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of data that are to be read otherwise: the finding about a `Change`, with cause and remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..core.state import COORDINATES, GAPS
+from ..data import Campaign
+from .changes import Change
+from .current import stated_currents
+from .finding import IMPOSSIBLE, Finding, number, of_a_bag, shared
+from .units import SHORT, si_unit
+
+_GAP = "the gap of the top array"
+
+
+def finding_of(campaign: Campaign, alike: list[Change], factor: float, size: Mapping[str, object]) -> Finding:
+    """What is said of changes that explain equally well, best first; the best multiplies by ``factor``."""
+    best = alike[0]
+    if best.kind == "flipped":
+        either = {c.about[0] for c in alike if c.kind == "flipped"}
+        also = next((f". Or is it {_GAP}? Then {_above(c)}" for c in alike if c.kind == "gap"), "")
+        return _flipped([c for c in (*COORDINATES, *GAPS) if c in either], also, size)
+    if best.kind == "gap":
+        return _gap(best, size)
+    if best.kind == "swapped":
+        remedy = "exchange the two channels; x is along the travel, y left, z up, and left is seen along the travel"
+        text, size = f"{' and '.join(best.about)} are swapped", {**size, "candidates": list(best.about)}
+        return Finding("axis_flipped", IMPOSSIBLE, text, remedy, best.about[0], size=size)
+    if any(c.kind == "off" for c in alike):
+        text = f"{stated_currents(campaign)} does nothing: the cradle coasts as measured"
+        remedy = "was the drive off? Then drive_current is 0; or is it another run's?"
+        return Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", size={**size, "factor": 0.0})
+    (what,) = best.about
+    if what == "time":
+        return _clock(campaign, best.unit, factor, size)
+    if what == "drive_current":
+        text = (
+            f"{stated_currents(campaign)} is {number(1 / factor)} times what accelerates the cradle as measured: it"
+            f" seems to be in {best.unit}"
+        )
+        remedy = f"drive_current is in A; multiply it by {factor:g} in campaign.yaml"
+        return Finding("unit", IMPOSSIBLE, text, remedy, what, size={**size, "factor": factor})
+    text = f"as it is written {what} does not belong to the model's motion"
+    return unit_finding(campaign, what, text, factor, best.unit, size)
+
+
+def _clock(campaign: Campaign, unit: str, factor: float, size: Mapping[str, object]) -> Finding:
+    """A time that is in another unit, and is to be multiplied by ``factor``."""
+    step = float(np.median(np.diff(campaign.runs[0].times)))
+    text = f"time is in {unit}: with a sample every {number(step)} s nothing would fly as it does"
+    named = "" if " " in unit else f"name its column 'time [{unit}]', or "
+    remedy = f"time is in seconds; {named}divide it by {1 / factor:g}"
+    return Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": 1 / factor})
+
+
+def unit_finding(
+    campaign: Campaign, channel: str, text: str, factor: float, unit: str, size: Mapping[str, object]
+) -> Finding:
+    """A channel that is in another unit, and is to be multiplied by ``factor``."""
+    header = f"write '{channel} [{SHORT.get(unit, unit)}]' in the header"
+    where = "publish it so" if all(map(of_a_bag, campaign.runs)) else header
+    remedy = f"it seems to be in {unit}; {channel} is in {si_unit(channel)}: multiply it by {factor:.4g}, or {where}"
+    return Finding("unit", IMPOSSIBLE, text, remedy, channel, size={**size, "factor": factor})
+
+
+def _gap(change: Change, size: Mapping[str, object]) -> Finding:
+    """Heave whose zero is that of the gap above."""
+    text = f"heave moves as the forces of the model say only from another zero: is it {_GAP}?"
+    remedy = (
+        f"heave is 0 where all three gaps are the nominal gap: {_above(change)}; if it grows downwards, change its sign"
+    )
+    return Finding("zero", IMPOSSIBLE, text, remedy, "heave", size={**size, "zero": -change.reading.zeros["heave"]})
+
+
+def _above(change: Change) -> str:
+    """How heave is had from the gap above."""
+    return f"subtract the nominal gap, {-change.reading.zeros['heave']:g} m"
+
+
+def _flipped(channels: list[str], also: str, size: Mapping[str, object]) -> Finding:
+    """One of the channels has its sign changed; ``also`` says what else it may be."""
+    either = " or ".join(channels)
+    if len(channels) > 1:
+        text = (
+            f"{shared(channels)} do not fit each other: the axis of one of them is flipped; the mirror image looks the"
+            " same, so these data cannot tell which"
+        )
+    else:
+        text = f"the axis of {either} is flipped: only with its sign changed it moves as the forces of the model say"
+    sensors = " or ".join(f"sensor_scale:{c}" for c in channels)
+    remedy = (
+        f"change the sign of {either} (a {sensors} of −1 would say the same); x is along the travel, y left, z up{also}"
+    )
+    return Finding("axis_flipped", IMPOSSIBLE, text, remedy, channels[0], size={**size, "candidates": channels})
