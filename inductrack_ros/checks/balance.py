@@ -70,6 +70,7 @@ class Held:
         touches = self.model.parameters["contact_stiffness"] > 0.0
         return self.nearest > CLOSE * self.model.parameters["nominal_gap"] if touches else self.nearest == self.nearest
 
+    @cached_property
     def misfits(self) -> dict[str, float]:
         """By coordinate and gap how far data and model are apart: 0 is the same, 1 nothing in common, infinite what
         cannot be.
@@ -137,7 +138,7 @@ def hold(windows: Windows, model: Model, reading: Reading) -> Held:
 
 def misfits(windows: Windows, model: Model, reading: Reading) -> dict[str, float]:
     """How far the windows, read so, and the model are apart: `Held.misfits`."""
-    return hold(windows, model, reading).misfits()
+    return hold(windows, model, reading).misfits
 
 
 def needed_factor(windows: Windows, model: Model) -> float | None:

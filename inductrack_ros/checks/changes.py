@@ -24,7 +24,7 @@ SWAPS = (
 class Change:
     """One thing that is read otherwise.
 
-    - kind: ``unit``, ``flipped``, ``swapped``, ``gap`` (in the place of heave) or ``off``
+    - kind: ``unit``, ``flipped``, ``swapped``, ``gap`` (in the place of heave), ``rate`` (of the clock) or ``off``
     - about: the channels, ``time`` or ``drive_current``
     - reading: how the data are read then
     - unit: its name, of a ``unit``

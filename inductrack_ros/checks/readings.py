@@ -10,8 +10,9 @@ from ..core.model import Model
 from ..data import Campaign
 from . import levels
 from .apart import of_some
-from .balance import bad, misfits, needed_factor, stops, total
+from .balance import Held, bad, hold, needed_factor, stops, total
 from .changes import Change, changes, exchanges, factor_between
+from .clock_rate import at_its_rate, clock
 from .current import against_others, drive, judged
 from .finding import IMPOSSIBLE, WARNING, Finding, number, shared
 from .gravity import with_gravity
@@ -19,7 +20,7 @@ from .noise_found import Channel
 from .ranges import by_range, or_counts
 from .room import mean_speeds
 from .saying import finding_of
-from .windows import WINDOWS, Reading, Windows, windows_of
+from .windows import WINDOWS, Reading, windows_of
 
 #: One thing wrong after the other is looked for, so many at most.
 MOST = 4
@@ -57,45 +58,47 @@ def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, mos
     unread = any(f.kind == "turned" or f.kind == "zero" and windows and f.channel in windows.values for f in found)
     if windows is None or unread:
         return found or _backwards(campaign, model)
-    left = misfits(windows, model, now)
+    held = hold(windows, model, now)
     for _ in range(MOST):
-        best = _best(windows, model, now, left)
+        best = _best(held)
         if best is None:
             break
         alike, then, wanted = best
-        finding = finding_of(campaign, alike, factor_between(now, alike[0].reading), {"off": left, "then": then})
+        factor = factor_between(held.reading, then.reading)
+        finding = finding_of(campaign, alike, factor, {"off": held.misfits, "then": then.misfits})
         chance = finding.size.get("factor") == 0.0 and (wanted is None or abs(wanted) > levels.EXACTLY - 1.0)
         found.append(judged(finding, windows, model) if chance else finding)
-        now, left = alike[0].reading, then
-    if not found and not bad(left):
+        held = then
+    if not found and not bad(held.misfits):
         return _backwards(campaign, model)
-    return found if found else drive(campaign, windows, model, left) or _unlike(left)
+    return found if found else drive(campaign, windows, model, held.misfits) or _unlike(held.misfits)
 
 
-def _best(
-    windows: Windows, model: Model, now: Reading, left: Mapping[str, float]
-) -> tuple[list[Change], Mapping[str, float], float | None] | None:
-    """The change that makes most of the data belong, with those that do as well, best first; how far the channels are
-    off then; the factor that the drive current lacks as it is read. None where nothing is to be read otherwise.
+def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
+    """The change that makes most of the data belong, with those that do as well, best first; the data so read; the
+    factor that the drive current lacks as it is read. None where nothing is to be read otherwise.
 
     Where the data say nothing as they are read, for the cradle would be in the track, channels may have changed
     places."""
-    off, wanted = bad(left), None
+    left, now, wanted = held.misfits, held.reading, None
+    if now.time == 1.0 and (then := at_its_rate(held)) is not None:
+        return [clock(held, then)], then, None
+    off = bad(left)
     if off:
-        wanted = needed_factor(windows, model) if off == ["surge"] and now == Reading() else None
-        others = changes(now, windows, left, wanted, model.parameters["nominal_gap"])
-    elif not left and stops(model):
-        others = exchanges(now, windows, [])
+        wanted = needed_factor(held.windows, held.model) if off == ["surge"] and now == Reading() else None
+        others = changes(now, held.windows, left, wanted, held.model.parameters["nominal_gap"])
+    elif not left and stops(held.model):
+        others = exchanges(now, held.windows, [])
     else:
         return None
-    tried = [(change, misfits(windows, model, change.reading)) for change in others]
-    tried = [t for t in tried if _explains(left, t[1])]
+    tried = [(change, hold(held.windows, held.model, change.reading)) for change in others]
+    tried = [t for t in tried if _explains(left, t[1].misfits)]
     if not tried:
         return None
-    among = left.keys() | {c for t in tried for c in t[1]}
-    tried.sort(key=lambda t: total(t[1], among))
-    then = tried[0][1]
-    alike = [t for t in tried if total(t[1], among) < total(then, among) + TWINS]
+    among = left.keys() | {c for t in tried for c in t[1].misfits}
+    tried.sort(key=lambda t: total(t[1].misfits, among))
+    least = total(tried[0][1].misfits, among)
+    alike = [t for t in tried if total(t[1].misfits, among) < least + TWINS]
     if alike[0][0].kind == "unit":  # an exchange needs no number to be right
         alike.sort(key=lambda t: t[0].kind != "swapped")
     return [t[0] for t in alike], alike[0][1], wanted

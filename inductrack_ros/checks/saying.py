@@ -36,7 +36,7 @@ def finding_of(campaign: Campaign, alike: list[Change], factor: float, size: Map
         return Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", size={**size, "factor": 0.0})
     (what,) = best.about
     if what == "time":
-        return _clock(campaign, best.unit, factor, size)
+        return _clock(campaign, best.unit, factor, {**size, "factor": 1 / factor})
     if what == "drive_current":
         text = (
             f"{stated_currents(campaign)} is {number(1 / factor)} times what accelerates the cradle as measured: it"
@@ -49,12 +49,21 @@ def finding_of(campaign: Campaign, alike: list[Change], factor: float, size: Map
 
 
 def _clock(campaign: Campaign, unit: str, factor: float, size: Mapping[str, object]) -> Finding:
-    """A time that is in another unit, and is to be multiplied by ``factor``."""
+    """A time that is to be multiplied by ``factor``, of a unit or at another rate."""
     step = float(np.median(np.diff(campaign.runs[0].times)))
+    if not unit:
+        text = (
+            f"everything runs {number(max(factor, 1 / factor), 2)} times too {'fast' if factor > 1.0 else 'slowly'} for"
+            f" the model's forces: all channels belong to its motion with a sample every {number(factor * step, 2)} s"
+            f" instead of every {number(step)} s"
+        )
+        remedy = (
+            f"look at the time column, and at the sampling rate that it was made of: multiply it by {number(factor, 2)}"
+        )
+        return Finding("time_unit", IMPOSSIBLE, text, remedy, size=size)
     text = f"time is in {unit}: with a sample every {number(step)} s nothing would fly as it does"
     named = "" if " " in unit else f"name its column 'time [{unit}]', or "
-    remedy = f"time is in seconds; {named}divide it by {1 / factor:g}"
-    return Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": 1 / factor})
+    return Finding("time_unit", IMPOSSIBLE, text, f"time is in seconds; {named}divide it by {1 / factor:g}", size=size)
 
 
 def unit_finding(
