@@ -70,6 +70,20 @@ class Held:
         touches = self.model.parameters["contact_stiffness"] > 0.0
         return self.nearest > CLOSE * self.model.parameters["nominal_gap"] if touches else self.nearest == self.nearest
 
+    def slope(self, coordinate: str) -> tuple[float, float] | None:
+        """The logarithm of the slope, within runs, of what a speed did on what it should have done, and its standard
+        error; None where it is not surely above 0."""
+        free = self.free
+        if free.sum() < FEWEST:
+            return None
+        run = self.windows.run[free]
+        did, should = (_within(y[free], run) for y in (self.did(coordinate), self.should(coordinate)))
+        if not (size := float(should @ should)):
+            return None
+        slope = float(did @ should) / size
+        error = float(np.sqrt(OVERLAP * np.mean((did - slope * should) ** 2) / size))
+        return (float(np.log(slope)), error / slope) if slope > SURE * error else None
+
     @cached_property
     def misfits(self) -> dict[str, float]:
         """By coordinate and gap how far data and model are apart: 0 is the same, 1 nothing in common, infinite what
@@ -250,6 +264,11 @@ def _change(times: Array, acceleration: Array) -> Array:
     y = weight * acceleration
     assert times.shape[1] == 2 * m + 1
     return (0.5 * (y[:, 1:] + y[:, :-1]) * step).sum(axis=1)
+
+
+def _within(values: Array, group: Array) -> Array:
+    """(w,) Values without the mean of their group."""
+    return values - (np.bincount(group, values) / np.maximum(np.bincount(group), 1))[group]
 
 
 def stops(model: Model) -> bool:

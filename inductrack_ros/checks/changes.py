@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core.model import Model
 from ..core.state import COORDINATES, GAPS
 from . import levels
 from .units import CURRENTS, TIMES, units_of
@@ -43,11 +44,11 @@ def factor_between(before: Reading, after: Reading) -> float:
 
 
 def changes(
-    now: Reading, windows: Windows, left: Mapping[str, float], wanted: float | None, nominal: float
+    now: Reading, windows: Windows, left: Mapping[str, float], wanted: float | None, model: Model
 ) -> Iterator[Change]:
     """Changes of one thing, but of no channel that belongs as it is; ``left`` is how far each is off. One of sway and
     roll is off where the other is flipped. The current has no other unit, and was not off, where what is ``wanted`` of
-    it is not so far off. ``nominal`` is the gap where heave is 0."""
+    it is not so far off."""
 
     def fits(channel: str) -> bool:
         twins = SWINGING if channel in SWINGING else (channel,)
@@ -65,7 +66,7 @@ def changes(
         if channel not in (*COORDINATES, *GAPS) or fits(channel):
             continue
         if channel == "heave" and not now.zeros:
-            yield Change("gap", (channel,), now.plus(channel, -nominal))
+            yield from (above(now, model, sign) for sign in (1.0, -1.0))
         if channel in now.channels:
             continue
         yield Change("flipped", (channel,), now.times(channel, -1.0))
@@ -73,6 +74,12 @@ def changes(
             if channel != "surge" or factor * _speed(windows) < levels.FASTEST:
                 yield Change("unit", (channel,), now.times(channel, factor), unit)
     yield from exchanges(now, windows, [c for c in windows.values if fits(c)])
+
+
+def above(now: Reading, model: Model, sign: float) -> Change:
+    """Heave that is the gap above, or with a ``sign`` of −1 its negative: the gap grows with heave, and is the nominal
+    one where heave is 0."""
+    return Change("gap", ("heave",), now.times("heave", sign).plus("heave", -model.parameters["nominal_gap"]))
 
 
 def exchanges(now: Reading, windows: Windows, fitting: list[str]) -> Iterator[Change]:

@@ -12,10 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from . import levels
-from .balance import OVERLAP, SURE, Held, hold
+from .balance import SURE, Held, hold
 from .changes import Change
 from .units import TIMES
-from .windows import FEWEST
 
 #: Coordinates that swing, of which so many at least have to agree.
 SWING, AGREE = ("sway", "heave", "roll"), 2
@@ -49,7 +48,7 @@ def clock(before: Held, after: Held) -> Change:
 def _one_slope(held: Held) -> tuple[float, float] | None:
     """The logarithm of the slope that the coordinates which swing clearly share, and its standard error; None where
     fewer than `AGREE` do, or they differ by more than their errors and than a sensor's scale may be."""
-    known = [s for c in SWING if c in held.coordinates and (s := _slope(held, c)) is not None]
+    known = [s for c in SWING if c in held.coordinates and (s := held.slope(c)) is not None]
     if len(known) < AGREE:
         return None
     logs, errors = np.array(known).T
@@ -57,25 +56,3 @@ def _one_slope(held: Held) -> tuple[float, float] | None:
     mean = float(weights @ logs / weights.sum())
     agree = np.abs(logs - mean) < np.maximum(SURE * errors, np.log(levels.SCALE))
     return (mean, float(weights.sum() ** -0.5)) if agree.all() else None
-
-
-def _slope(held: Held, coordinate: str) -> tuple[float, float] | None:
-    """The logarithm of a coordinate's slope within runs, and its standard error; None where it is not surely above
-    0."""
-    free = held.free
-    if free.sum() < FEWEST:
-        return None
-    did, should = (
-        _within_runs(y[free], held.windows.run[free]) for y in (held.did(coordinate), held.should(coordinate))
-    )
-    if not (size := float(should @ should)):
-        return None
-    slope = float(did @ should) / size
-    error = float(np.sqrt(OVERLAP * np.mean((did - slope * should) ** 2) / size))
-    return (float(np.log(slope)), error / slope) if slope > SURE * error else None
-
-
-def _within_runs(values: np.ndarray, run: np.ndarray) -> np.ndarray:
-    """(w,) Values without the mean of their run."""
-    sums, counts = np.bincount(run, values), np.bincount(run)
-    return values - (sums / np.maximum(counts, 1))[run]

@@ -170,11 +170,12 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     jumped = {f.channel for f in findings if f.kind == "value_jump"}
     apart = {f.channel for f in impossible(findings) if "runs" in f.size}
     late = any(f.kind == "time_jitter" for f in findings)
-    swapped = {(run, *sorted(f.size.get("candidates", ()))) for f in findings for run in f.size.get("runs", ())}
+    flips = [f for f in findings if f.kind == "axis_flipped" and "candidates" in f.size]
+    swapped = {(run, *sorted(f.size["candidates"])) for f in flips for run in f.size.get("runs", ())}
     kept = []
     for f in findings:
         whole = f.size.get("of", f.channel)
-        by_noise = f.kind == "axis_flipped" and "candidates" in f.size and "runs" not in f.size
+        by_noise = f in flips and "runs" not in f.size
         explained = (
             (
                 f.kind == "noise_differs"

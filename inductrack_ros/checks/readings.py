@@ -14,13 +14,14 @@ from .balance import Held, bad, hold, needed_factor, stops, total
 from .changes import Change, changes, exchanges, factor_between
 from .clock_rate import at_its_rate, clock
 from .current import against_others, drive, judged
-from .finding import IMPOSSIBLE, WARNING, Finding, number, shared
+from .finding import IMPOSSIBLE, WARNING, Finding, impossible, number, shared
 from .gravity import with_gravity
 from .noise_found import Channel
 from .ranges import by_range, or_counts
 from .room import mean_speeds
 from .saying import finding_of
 from .windows import WINDOWS, Reading, windows_of
+from .zeros import negative_gap, zeros_apart
 
 #: One thing wrong after the other is looked for, so many at most.
 MOST = 4
@@ -41,7 +42,11 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
         return _read(one, channels, model, most)
 
     found = of_some(campaign, _read(campaign, channels, model), alone, telling=_counts)
-    return against_others(campaign, channels, model, most, found)
+    found = against_others(campaign, channels, model, most, found)
+    if impossible(found) or (windows := windows_of(campaign, channels)) is None:
+        return found
+    zeros = zeros_apart(campaign, hold(windows, model, Reading()))
+    return zeros + [f for f in found if not zeros or f.channel != "heave"]
 
 
 def _counts(finding: Finding) -> bool:
@@ -86,11 +91,12 @@ def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
     off = bad(left)
     if off:
         wanted = needed_factor(held.windows, held.model) if off == ["surge"] and now == Reading() else None
-        others = changes(now, held.windows, left, wanted, held.model.parameters["nominal_gap"])
+        others = changes(now, held.windows, left, wanted, held.model)
     elif not left and stops(held.model):
         others = exchanges(now, held.windows, [])
     else:
-        return None
+        gap = negative_gap(held)
+        return gap and ([gap], hold(held.windows, held.model, gap.reading), None)
     tried = [(change, hold(held.windows, held.model, change.reading)) for change in others]
     tried = [t for t in tried if _explains(left, t[1].misfits)]
     if not tried:

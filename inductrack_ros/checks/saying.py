@@ -25,7 +25,7 @@ def finding_of(campaign: Campaign, alike: list[Change], factor: float, size: Map
         also = next((f". Or is it {_GAP}? Then {_above(c)}" for c in alike if c.kind == "gap"), "")
         return _flipped([c for c in (*COORDINATES, *GAPS) if c in either], also, size)
     if best.kind == "gap":
-        return _gap(best, size)
+        return _gap(best, factor, size)
     if best.kind == "swapped":
         remedy = "exchange the two channels; x is along the travel, y left, z up, and left is seen along the travel"
         text, size = f"{' and '.join(best.about)} are swapped", {**size, "candidates": list(best.about)}
@@ -76,12 +76,15 @@ def unit_finding(
     return Finding("unit", IMPOSSIBLE, text, remedy, channel, size={**size, "factor": factor})
 
 
-def _gap(change: Change, size: Mapping[str, object]) -> Finding:
-    """Heave whose zero is that of the gap above."""
-    text = f"heave moves as the forces of the model say only from another zero: is it {_GAP}?"
-    remedy = (
-        f"heave is 0 where all three gaps are the nominal gap: {_above(change)}; if it grows downwards, change its sign"
-    )
+def _gap(change: Change, factor: float, size: Mapping[str, object]) -> Finding:
+    """Heave whose zero is that of the gap above, whose sign ``factor`` has."""
+    text = "heave moves as the forces of the model say only from another zero"
+    remedy = "heave is 0 where all three gaps are the nominal gap"
+    if factor > 0.0:
+        text, remedy = f"{text}: is it {_GAP}?", f"{remedy}: {_above(change)}; if it grows downwards, change its sign"
+    else:
+        text = f"{text} and with its sign changed: is it minus {_GAP}?"
+        remedy = f"{remedy}: change its sign, then {_above(change)}"
     return Finding("zero", IMPOSSIBLE, text, remedy, "heave", size={**size, "zero": -change.reading.zeros["heave"]})
 
 

@@ -65,6 +65,11 @@ class Windows:
     pulsed: bool
     noise: Mapping[str, float]
 
+    def some(self, rows: Array) -> Windows:
+        """Some of them."""
+        values = {c: y[rows] for c, y in self.values.items()}
+        return replace(self, times=self.times[rows], values=values, current=self.current[rows], run=self.run[rows])
+
 
 def windows_of(campaign: Campaign, channels: Mapping[str, Channel], most: int = WINDOWS) -> Windows | None:
     """About ``most`` windows spread over the campaign; None where the runs are too short or do not tell place and

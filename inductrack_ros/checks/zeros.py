@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Another zero of heave: that of one run alone; that of the gap above, with its sign changed.
+
+How much of the weight the model's lift carries at the measured places is a property of the rig, whatever its size:
+what a run has alone is its own. Another zero of heave leaves sway and roll as they are; another load or weaker
+magnets do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, stats
+
+from ..data import Campaign
+from ..data.measurement import Array
+from . import levels
+from .balance import OVERLAP, SURE, Held, bad, hold, middle, stops
+from .changes import Change, above
+from .finding import IMPOSSIBLE, WARNING, Finding, quantity
+from .room import room_of
+from .windows import FEWEST, SWINGING
+
+
+@dataclass(frozen=True)
+class _Carried:
+    """In each window of a run (w,) the model's lift over the lift that carries the cradle as measured, and the speed
+    (m/s)."""
+
+    parts: Array
+    speeds: Array
+
+    @property
+    def usual(self) -> float:
+        """Median of the parts."""
+        return float(np.median(self.parts))
+
+    def is_alone(self, others: list[_Carried]) -> bool:
+        """Whether it surely is off, to one side of every other run, by more than what belongs may be. Only speeds
+        between those of the others count."""
+        reach = np.concatenate([other.speeds for other in others])
+        as_fast = (self.speeds >= reach.min()) & (self.speeds <= reach.max())
+        if as_fast.sum() < FEWEST:
+            return False
+        mine, error = middle(self.parts[as_fast])
+        theirs = [middle(other.parts) for other in others]
+        sides = {np.sign(mine - part) for part, _ in theirs}
+        sure = (abs(mine - part) > max(SURE * np.hypot(error, e), levels.GOOD) for part, e in theirs)
+        return len(sides) == 1 and all(sure)
+
+
+def zeros_apart(campaign: Campaign, held: Held) -> list[Finding]:
+    """Findings about runs whose heave has a zero of its own, where most runs agree."""
+    carried = _carried(held)
+    usual = float(np.median([c.usual for c in carried.values()])) if carried else 0.0
+    rest = [k for k, c in carried.items() if abs(c.usual - usual) < levels.GOOD]
+    found = []
+    for k in carried.keys() - rest:
+        others = [carried[j] for j in rest if campaign.runs[j].conditions == campaign.runs[k].conditions]
+        if len(others) < 2 or 2 * len(rest) <= len(carried) or not carried[k].is_alone(others):
+            continue
+        run = hold(held.windows.some(held.windows.run == k), held.model, held.reading)
+        zero = _zero(run, float(np.median([c.usual for c in others])))
+        if zero is not None:
+            found.append(_finding(campaign, k, zero, run))
+    return found
+
+
+def negative_gap(held: Held) -> Change | None:
+    """Heave that is the gap above with a minus, where only so read one lift of the model's shape carries all runs; None
+    where that is not sure.
+
+    Such a heave rests where a cradle may rest and swings as one does: 5 mm under the middle are 5 mm over the track.
+    How the lift grows with the heave and with the speed tells, which no other size of the lift makes up for."""
+    if "heave" not in held.windows.values or held.reading.zeros or held.reading.swapped or not stops(held.model):
+        return None
+    if not (chance := _shape(held)) or chance > 2.0 * stats.norm.sf(SURE):
+        return None
+    change = above(held.reading, held.model, -1.0)
+    then = hold(held.windows, held.model, change.reading)
+    shaped = (_shape(then) or 0.0) > levels.FALSE_ALARMS
+    return change if shaped and then.misfits.get("heave", 2.0) < levels.GOOD and not bad(then.misfits) else None
+
+
+def _shape(held: Held) -> float | None:
+    """The chance by which the lift of the model, in one size for all runs, carries the cradle no better than it does,
+    against a line for each run; None where there are too few windows to say."""
+    free = held.free
+    lift, needed = ((change + held.weight)[free] for change in (held.should("heave"), held.did("heave")))
+    run = held.windows.run[free]
+    runs = [k for k in np.unique(run) if (run == k).sum() >= FEWEST]
+    kept = np.isin(run, runs)
+    lift, needed, run = lift[kept], needed[kept], run[kept]
+    more, rest = 2 * len(runs) - 1, len(lift) / OVERLAP - 2 * len(runs)
+    if rest <= 0.0:
+        return None
+    left = sum(np.polyfit(lift[run == k], needed[run == k], 1, full=True)[1].sum() for k in runs)
+    one = needed - lift * (needed @ lift) / (lift @ lift)
+    return float(stats.f.sf((one @ one - left) / OVERLAP / more / (left / OVERLAP / rest), more, rest))
+
+
+def _carried(held: Held) -> dict[int, _Carried]:
+    """What carries each run of which enough windows are free, by its number."""
+    lift, needed = held.should("heave") + held.weight, held.did("heave") + held.weight
+    clear = held.free & (needed > 0.0)
+    speeds = np.median(held.motion.states["surge_rate"], axis=1)
+    rows = {int(k): clear & (held.windows.run == k) for k in np.unique(held.windows.run)}
+    return {k: _Carried((lift / needed)[r], speeds[r]) for k, r in rows.items() if r.sum() >= FEWEST}
+
+
+def _zero(run: Held, usual: float) -> float | None:
+    """What a run's heave is too large by (m), so that without it the lift is the ``usual`` part and all belongs; None
+    where nothing does it."""
+
+    def read(zero: float) -> Held:
+        return hold(run.windows, run.model, run.reading.plus("heave", -zero))
+
+    def off(zero: float) -> float:
+        then = read(zero)
+        lift, needed = then.should("heave") + then.weight, then.did("heave") + then.weight
+        return float(np.median(lift / needed)) - usual
+
+    room = room_of(run.model)["heave"]
+    if off(-room) * off(room) > 0.0:
+        return None
+    zero = float(optimize.brentq(off, -room, room, xtol=1e-5))
+    left = read(zero).misfits
+    return zero if left.get("heave", 2.0) < levels.GOOD and not bad(left) else None
+
+
+def _finding(campaign: Campaign, k: int, zero: float, run: Held) -> Finding:
+    """The finding about a run's zero, which cannot be so where sway or roll show that nothing else is its own."""
+    name, off = campaign.runs[k].name, quantity("heave", round(zero, 5))
+    lift = _carried(run)[k].usual
+    slopes = [s for c in SWINGING if c in run.coordinates and (s := run.slope(c)) is not None]
+    alone = bool(slopes) and all(abs(log) < 0.5 * abs(np.log(lift)) for log, _ in slopes)
+    text = (
+        f"in {name} alone of {len(campaign.runs)} runs the zero of heave is off by about {off}: as it is"
+        f" written the model's lift is {lift:.2g} times what carries the cradle, unlike in the others"
+    )
+    remedy = f"subtract {zero:.2g} m there, or leave the run out" + ("" if alone else "; or was its load another?")
+    size = {"zero": zero, "lift": lift, "runs": [name]}
+    return Finding("zero", IMPOSSIBLE if alone else WARNING, text, remedy, "heave", name, size=size)
