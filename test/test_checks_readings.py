@@ -4,9 +4,9 @@
 from dataclasses import replace
 
 import pytest
-from test_checks import POSE, changed, flown, measured
+from test_checks import POSE, changed, flown, measured, times_of
 
-from inductrack_ros.checks import impossible, look
+from inductrack_ros.checks import IMPOSSIBLE, impossible, look
 from inductrack_ros.core.model import Model
 
 
@@ -94,3 +94,100 @@ def test_a_drive_that_weakens_with_the_speed_is_no_exchange(model):
     starts = [{"surge_rate": v, "sway": 2e-3, "heave": rig.equilibrium_heave(v)} for v in (17.0, 22.0, 27.0)]
     found = look(flown(list(zip((3600.0, 5000.0, 7000.0), starts, strict=True)), POSE, 301, 2e-3, model=rig), model)
     assert not [f for f in impossible(found) if "would move it" in f.text]
+
+
+# ---------------------------------------------------------------- clocks
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 2.5, 3.7])
+@pytest.mark.parametrize("runs", ["a", "b", "c", "abc"])
+def test_a_clock_of_another_rate_is_named_before_any_force(factor, runs, pose, model):
+    (found,) = impossible(look(times_of(pose if len(runs) > 1 else only(pose, runs), factor), model))
+    assert found.kind == "time_unit" and "sampling rate" in found.remedy
+    assert found.size["factor"] == pytest.approx(factor, rel=0.03)
+    assert ("too slowly" if factor > 1.0 else "too fast") in found.text
+
+
+def test_a_clock_of_one_run_alone_is_named(pose, model):
+    slow = tuple(replace(r, times=2 * r.times, stamps=2 * r.stamps) if r.name == "b" else r for r in pose.runs)
+    (found,) = look(replace(pose, runs=slow), model)
+    assert (found.kind, found.run) == ("time_unit", "b") and found.text.startswith("in b alone of 3 runs everything")
+
+
+def honest(parameters=None, effects=(), speeds=(17.0, 22.0, 26.0)):
+    """Runs of a rig whose clock, units and zeros are right, and which is another than the model."""
+    rig = Model.create(parameters=parameters, effects=effects)
+    starts = [{"surge_rate": v, "sway": 2e-3, "heave": rig.equilibrium_heave(v) + 5e-4} for v in speeds]
+    return flown(list(zip((7000.0, 5000.0, 3600.0), starts, strict=True)), POSE, 301, 2e-3, model=rig)
+
+
+@pytest.mark.parametrize("name", ["eta", "gamma"])
+@pytest.mark.parametrize("factor", [0.5, 0.7, 1.5, 2.0])
+def test_a_lift_or_a_drive_of_another_size_is_no_other_clock(name, factor, model):
+    """A lift of half the size swings as slowly as a clock that is too fast, but does not carry the weight."""
+    found = look(honest({name: factor * model.parameters[name]}), model)
+    assert not {"time_unit", "zero"} & {f.kind for f in found}
+
+
+@pytest.mark.parametrize("rate", [-0.1, 0.1])
+def test_a_clock_that_an_effect_may_explain_is_no_other_unit(rate, pose, model):
+    assert not impossible(look(times_of(pose, 1.0 / (1.0 + rate)), model))
+
+
+# ---------------------------------------------------------------- zeros
+
+
+def test_the_gap_above_with_a_minus_is_named(pose, model):
+    """It rests near where heave rests, and swings alike."""
+    for scale, kinds in ((1.0, ["zero"]), (1e3, ["unit", "zero"])):
+        wrong = changed(replace(pose, noise_std={}), "heave", lambda y, scale=scale: -scale * (y + 0.01))
+        found = impossible(look(wrong, model))
+        assert [f.kind for f in found] == kinds and {f.channel for f in found} == {"heave"}
+        assert "minus the gap of the top array" in found[-1].text
+        assert "change its sign, then subtract the nominal gap" in found[-1].remedy
+
+
+@pytest.mark.parametrize("area", [-0.13, -0.115, -0.1, -0.05, 0.1])
+def test_a_lift_that_falls_with_the_speed_is_no_negative_gap(area, model):
+    """The cradle sinks as it gets faster, as it seems to where its heave is the gap above with a minus."""
+    assert not impossible(look(honest(effects={"aerodynamic_lift": {"lift_area": area}}), model))
+
+
+def alike():
+    """Three runs of about one speed."""
+    start = {"sway": 3e-3, "heave": -4.8e-3}
+    return flown([(7000.0, {**start, "surge_rate": v}) for v in (19.0, 20.0, 21.0)], POSE, 301, 2e-3)
+
+
+@pytest.mark.parametrize("zero", [3e-3, -3e-3, -2e-3])
+@pytest.mark.parametrize("run", ["a", "b", "c"])
+def test_a_zero_that_one_run_has_alone_is_named(zero, run, model):
+    (found,) = look(changed(alike(), "heave", lambda y: y + zero, run), model)
+    assert (found.kind, found.channel, found.run, found.severity) == ("zero", "heave", run, IMPOSSIBLE)
+    assert found.size["zero"] == pytest.approx(zero, abs=5e-5) and "alone of 3 runs" in found.text
+
+
+def test_a_zero_of_all_runs_stays_an_effect(pose, model):
+    for zero in (-2e-3, 2e-3, 3e-3):
+        assert not impossible(look(changed(pose, "heave", lambda y, zero=zero: y + zero), model))
+
+
+@pytest.mark.parametrize("part", [0.6, 1.5])
+@pytest.mark.parametrize("name", ["mass", "eta"])
+def test_another_load_or_weaker_magnets_of_one_run_are_no_zero(name, part, model):
+    """They change the swing in sway and roll as well; where a condition says so nothing is odd."""
+    size = part * model.parameters[name]
+    rig = Model.create(parameters={name: size})
+    run = flown(
+        [(7000.0, {"surge_rate": 20.0, "sway": 3e-3, "heave": rig.equilibrium_heave(20.0)})], POSE, 301, 2e-3, 5, rig
+    )
+    loaded = replace(alike(), runs=tuple(replace(run.runs[0], name="b") if r.name == "b" else r for r in alike().runs))
+    assert not [f for f in impossible(look(loaded, model)) if f.kind == "zero"]
+    said = tuple(replace(r, conditions={name: size}) if r.name == "b" else r for r in loaded.runs)
+    assert not [f for f in look(replace(loaded, runs=said), model) if f.kind == "zero"]
+
+
+@pytest.mark.parametrize(("amplitude", "wavelength"), [(3e-4, 2.0), (1e-3, 10.0), (2e-3, 40.0)])
+def test_a_track_that_is_not_even_is_no_zero(amplitude, wavelength, model):
+    waves = {"guideway_waviness": {"amplitude": amplitude, "wavelength": wavelength, "phase": 0.0}}
+    assert not impossible(look(honest(effects=waves, speeds=(20.0, 20.5, 21.0)), model))

@@ -66,7 +66,7 @@ def changes(
         if channel not in (*COORDINATES, *GAPS) or fits(channel):
             continue
         if channel == "heave" and not now.zeros:
-            yield from (above(now, model, sign) for sign in (1.0, -1.0))
+            yield above(now, model)
         if channel in now.channels:
             continue
         yield Change("flipped", (channel,), now.times(channel, -1.0))
@@ -76,7 +76,7 @@ def changes(
     yield from exchanges(now, windows, [c for c in windows.values if fits(c)])
 
 
-def above(now: Reading, model: Model, sign: float) -> Change:
+def above(now: Reading, model: Model, sign: float = 1.0) -> Change:
     """Heave that is the gap above, or with a ``sign`` of −1 its negative: the gap grows with heave, and is the nominal
     one where heave is 0."""
     return Change("gap", ("heave",), now.times("heave", sign).plus("heave", -model.parameters["nominal_gap"]))

@@ -88,6 +88,8 @@ def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
     left, now, wanted = held.misfits, held.reading, None
     if now.time == 1.0 and (then := at_its_rate(held)) is not None:
         return [clock(held, then)], then, None
+    if (gap := negative_gap(held)) is not None:
+        return [gap], hold(held.windows, held.model, gap.reading), None
     off = bad(left)
     if off:
         wanted = needed_factor(held.windows, held.model) if off == ["surge"] and now == Reading() else None
@@ -95,8 +97,7 @@ def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
     elif not left and stops(held.model):
         others = exchanges(now, held.windows, [])
     else:
-        gap = negative_gap(held)
-        return gap and ([gap], hold(held.windows, held.model, gap.reading), None)
+        return None
     tried = [(change, hold(held.windows, held.model, change.reading)) for change in others]
     tried = [t for t in tried if _explains(left, t[1].misfits)]
     if not tried:
