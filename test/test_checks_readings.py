@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from test_checks import POSE, changed, flown, measured, times_of
 
@@ -191,3 +192,23 @@ def test_another_load_or_weaker_magnets_of_one_run_are_no_zero(name, part, model
 def test_a_track_that_is_not_even_is_no_zero(amplitude, wavelength, model):
     waves = {"guideway_waviness": {"amplitude": amplitude, "wavelength": wavelength, "phase": 0.0}}
     assert not impossible(look(honest(effects=waves, speeds=(20.0, 20.5, 21.0)), model))
+
+
+# ---------------------------------------------------------------- effects of sensors, however strong
+
+
+@pytest.mark.parametrize("bias", [-3e-3, -2e-3, 2e-3, 3e-3])
+def test_a_zero_of_sway_in_all_runs_is_no_unit_of_one(bias, pose, model):
+    """In one run another unit would take it up; the others move as no reading explains."""
+    assert not impossible(look(changed(pose, "sway", lambda y: y + bias), model))
+
+
+@pytest.mark.parametrize("angle", [-0.3, 0.05, 0.2, 0.5])
+def test_sensors_that_are_turned_in_all_runs_are_no_unit_of_one(angle, pose, model):
+    def turned(run):
+        values, c, s = run.values.copy(), np.cos(angle), np.sin(angle)
+        values[:, 1] = c * run["sway"] + s * run["heave"]
+        values[:, 2] = c * run["heave"] - s * run["sway"]
+        return replace(run, values=values)
+
+    assert not impossible(look(replace(pose, runs=tuple(map(turned, pose.runs))), model))

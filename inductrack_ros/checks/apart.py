@@ -43,7 +43,8 @@ def of_some(
 
 
 def _others_are_right(campaign: Campaign, mine: dict[str, Finding], alone: Callable[[Campaign], list[Finding]]) -> bool:
-    """Whether the runs that do not give a finding by themselves do not give it together either; they may be short."""
+    """Whether the runs that do not give a finding by themselves do not give it together either, for they may be short;
+    nor move as no reading explains, for what all lack is no one run's."""
     first = next(iter(mine.values()))
     everywhere = first.channel not in campaign.channels  # the clock, the drive
     others = tuple(r for r in campaign.runs if r.name not in mine and (everywhere or first.channel in r.channels))
@@ -54,7 +55,8 @@ def _others_are_right(campaign: Campaign, mine: dict[str, Finding], alone: Calla
     def the_same(finding: Finding) -> bool:
         other = finding.size.get("factor")
         apart = size and other and _alike(finding)[-1] != _alike(first)[-1]
-        return bool(about & set(_about(finding))) and finding.severity == first.severity and not apart
+        alike = finding.severity == first.severity or finding.kind == "unlike"
+        return bool(about & set(_about(finding))) and alike and not apart
 
     return not any(map(the_same, alone(replace(campaign, runs=others))))
 

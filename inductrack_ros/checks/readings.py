@@ -20,7 +20,7 @@ from .noise_found import Channel
 from .ranges import by_range, or_counts
 from .room import mean_speeds
 from .saying import finding_of
-from .windows import WINDOWS, Reading, windows_of
+from .windows import WINDOWS, Reading, Windows, windows_of
 from .zeros import negative_gap, zeros_apart
 
 #: One thing wrong after the other is looked for, so many at most.
@@ -39,11 +39,12 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
     most = max(FEWEST_APART, WINDOWS // len(campaign.runs))
 
     def alone(one: Campaign) -> list[Finding]:
-        return _read(one, channels, model, most)
+        return _read(one, windows_of(one, channels, most), model)
 
-    found = of_some(campaign, _read(campaign, channels, model), alone, telling=_counts)
+    windows = windows_of(campaign, channels)
+    found = of_some(campaign, _read(campaign, windows, model), alone, telling=_counts)
     found = against_others(campaign, channels, model, most, found)
-    if impossible(found) or (windows := windows_of(campaign, channels)) is None:
+    if impossible(found) or windows is None:
         return found
     zeros = zeros_apart(campaign, hold(windows, model, Reading()))
     return zeros + [f for f in found if not zeros or f.channel != "heave"]
@@ -54,9 +55,8 @@ def _counts(finding: Finding) -> bool:
     return finding.severity == IMPOSSIBLE or finding.kind == "unlike"
 
 
-def _read(campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int = WINDOWS) -> list[Finding]:
+def _read(campaign: Campaign, windows: Windows | None, model: Model) -> list[Finding]:
     """Findings about readings that runs share."""
-    windows = windows_of(campaign, channels, most)
     now, found = by_range(campaign, model, windows)
     found = [or_counts(f, campaign, windows, model, now) for f in found]
     found += with_gravity(campaign, model)

@@ -74,7 +74,8 @@ def negative_gap(held: Held) -> Change | None:
     How the lift grows with the heave and with the speed tells, which no other size of the lift makes up for."""
     if "heave" not in held.windows.values or held.reading.zeros or held.reading.swapped or not stops(held.model):
         return None
-    if not (chance := _shape(held)) or chance > 2.0 * stats.norm.sf(SURE):
+    chance = _shape(held)
+    if chance is None or not chance < 2.0 * stats.norm.sf(SURE):
         return None
     change = above(held.reading, held.model, -1.0)
     then = hold(held.windows, held.model, change.reading)
