@@ -15,7 +15,7 @@ from scipy import optimize, stats
 from ..data import Campaign
 from ..data.measurement import Array
 from . import levels
-from .balance import OVERLAP, SURE, Held, bad, hold, middle, stops
+from .balance import OVERLAP, SURE, Held, bad, hold, middle, stops, within
 from .changes import Change, above
 from .finding import IMPOSSIBLE, WARNING, Finding, quantity
 from .room import room_of
@@ -95,9 +95,11 @@ def _shape(held: Held) -> float | None:
     more, rest = 2 * len(runs) - 1, len(lift) / OVERLAP - 2 * len(runs)
     if rest <= 0.0:
         return None
-    left = sum(np.polyfit(lift[run == k], needed[run == k], 1, full=True)[1].sum() for k in runs)
+    x, y = within(lift, run), within(needed, run)
+    squares, products = np.bincount(run, x * x), np.bincount(run, x * y)
+    left = float(y @ y - (products[runs] ** 2 / squares[runs]).sum())
     one = needed - lift * (needed @ lift) / (lift @ lift)
-    return float(stats.f.sf((one @ one - left) / OVERLAP / more / (left / OVERLAP / rest), more, rest))
+    return float(stats.f.sf((one @ one - left) / more / (left / rest), more, rest))
 
 
 def _carried(held: Held) -> dict[int, _Carried]:
@@ -122,7 +124,7 @@ def _zero(run: Held, usual: float) -> float | None:
         return float(np.median(lift / needed)) - usual
 
     room = room_of(run.model)["heave"]
-    if off(-room) * off(room) > 0.0:
+    if not off(-room) * off(room) < 0.0:
         return None
     zero = float(optimize.brentq(off, -room, room, xtol=1e-5))
     left = read(zero).misfits
