@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,8 +28,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
 from independent.campaigns import write_campaign
 
 from inductrack_ros.checks import impossible, look
-from inductrack_ros.checks.balance import Reading, misfits, windows_of
+from inductrack_ros.checks.balance import misfits
 from inductrack_ros.checks.noise_found import channels_of
+from inductrack_ros.checks.windows import Reading, windows_of
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import Campaign, Run, load_campaign, write_csv
 
@@ -43,6 +45,8 @@ SPOILINGS = {
     "roll flipped": ("roll", -1.0),
     "surge flipped": ("surge", -1.0),
     "time in ms": ("time", 1e3),
+    "a clock twice too slow": ("time", 2.0),
+    "a clock 2.5 times too fast": ("time", 0.4),
     "current in kA": ("current", 1e-3),
 }
 
@@ -60,6 +64,61 @@ def spoiled(campaign: Campaign, what: str, factor: float) -> Campaign:
         return replace(run, values=values)
 
     return replace(campaign, runs=tuple(map(one, campaign.runs)))
+
+
+def minus_the_gap(campaign: Campaign) -> Campaign | None:
+    """Heave written as the gap above with a minus."""
+    gap = Model.default().parameters["nominal_gap"]
+    return _heave(campaign, {r.name: (-1.0, -gap) for r in campaign.runs})
+
+
+def another_zero(campaign: Campaign) -> Campaign | None:
+    """Heave 3 mm too large in the run that starts neither slowest nor fastest."""
+    speeds = {r.name: np.diff(r.samples("surge")[1]).mean() / np.diff(r.times).mean() for r in campaign.runs}
+    middle = sorted(speeds, key=lambda name: speeds[name])[len(speeds) // 2]
+    return _heave(campaign, {middle: (1.0, 3e-3)}) if len(speeds) > 2 else None
+
+
+def _heave(campaign: Campaign, changes: Mapping[str, tuple[float, float]]) -> Campaign:
+    """Heave multiplied and moved in some runs."""
+
+    def one(run: Run) -> Run:
+        values, k = run.values.copy(), run.channels.index("heave")
+        factor, zero = changes.get(run.name, (1.0, 0.0))
+        values[:, k] = factor * values[:, k] + zero
+        return replace(run, values=values)
+
+    return replace(campaign, runs=tuple(map(one, campaign.runs)))
+
+
+def heave_and_roll(campaign: Campaign) -> Campaign | None:
+    """Two columns exchanged."""
+
+    def one(run: Run) -> Run:
+        order = [{"heave": "roll", "roll": "heave"}.get(c, c) for c in run.channels]
+        return replace(run, values=run.values[:, [run.channels.index(c) for c in order]])
+
+    return replace(campaign, runs=tuple(map(one, campaign.runs))) if "roll" in campaign.channels else None
+
+
+def two_currents(campaign: Campaign) -> Campaign | None:
+    """The largest and the smallest drive current exchanged."""
+    driven = sorted((r for r in campaign.runs if r.drive_current > 0.0 and not r.pulsed), key=lambda r: r.drive_current)
+    if len(driven) < 2 or driven[-1].drive_current < 1.3 * driven[0].drive_current:
+        return None
+    to = {driven[0].name: driven[-1].drive_current, driven[-1].name: driven[0].drive_current}
+    return replace(
+        campaign, runs=tuple(replace(r, drive_current=to.get(r.name, r.drive_current)) for r in campaign.runs)
+    )
+
+
+#: Other ways to spoil a campaign that has heave, and the kind and channel that are right to name.
+OTHERS: dict[str, tuple[Callable[[Campaign], Campaign | None], set[tuple[str, str]]]] = {
+    "minus the gap above for heave": (minus_the_gap, {("zero", "heave"), ("axis_flipped", "heave")}),
+    "a zero of heave in one run": (another_zero, {("zero", "heave")}),
+    "heave and roll exchanged": (heave_and_roll, {("axis_flipped", "heave")}),
+    "two currents exchanged": (two_currents, {("unit", "drive_current"), ("unlike", "drive_current")}),
+}
 
 
 def right(name: str, what: str, found) -> bool:
@@ -141,11 +200,18 @@ def main() -> None:
                     tried[name] += 1
                     refused[name] += bool(found)
                     named[name] += right(name, what, found)
+            for name, (spoil, rightly) in OTHERS.items():
+                wrong = spoil(campaign) if "heave" in campaign.channels and "surge" in campaign.channels else None
+                if wrong is not None:
+                    found = impossible(look(wrong, model))
+                    tried[name] += 1
+                    refused[name] += bool(found)
+                    named[name] += any((f.kind, f.channel) in rightly for f in found)
     print(f"clean campaigns: {clean.pop('campaigns')}")
     for (severity, kind), count in sorted(clean.items()):
         print(f"  {severity} {kind}: in {count}")
     print(f"worst channel off the model's motion: median {np.median(worst):.2f}, largest {max(worst):.2f}")
-    for name in SPOILINGS:
+    for name in (*SPOILINGS, *OTHERS):
         print(f"{name}: refused {refused[name]} of {tried[name]}, rightly named {named[name]}")
 
 
