@@ -35,14 +35,17 @@ class _Carried:
         """Median of the parts."""
         return float(np.median(self.parts))
 
-    def is_alone(self, others: list[_Carried]) -> bool:
-        """Whether it surely is off, to one side of every other run, by more than what belongs may be. Only speeds
-        between those of the others count."""
+    def among(self, others: list[_Carried]) -> _Carried:
+        """The windows whose speeds lie between those of the others."""
         reach = np.concatenate([other.speeds for other in others])
-        as_fast = (self.speeds >= reach.min()) & (self.speeds <= reach.max())
-        if as_fast.sum() < FEWEST:
+        rows = (self.speeds >= reach.min()) & (self.speeds <= reach.max())
+        return _Carried(self.parts[rows], self.speeds[rows])
+
+    def is_alone(self, others: list[_Carried]) -> bool:
+        """Whether it surely is off, to one side of every other run, by more than what belongs may be."""
+        if len(self.parts) < FEWEST:
             return False
-        mine, error = middle(self.parts[as_fast])
+        mine, error = middle(self.parts)
         theirs = [middle(other.parts) for other in others]
         sides = {np.sign(mine - part) for part, _ in theirs}
         sure = (abs(mine - part) > max(SURE * np.hypot(error, e), levels.GOOD) for part, e in theirs)
@@ -62,7 +65,7 @@ def zeros_apart(campaign: Campaign, held: Held) -> list[Finding]:
         run = hold(held.windows.some(held.windows.run == k), held.model, held.reading)
         zero = _zero(run, float(np.median([c.usual for c in others])))
         if zero is not None:
-            found.append(_finding(campaign, k, zero, run))
+            found.append(_finding(campaign, k, zero, run, carried[k].among(others).is_alone(others)))
     return found
 
 
@@ -131,16 +134,19 @@ def _zero(run: Held, usual: float) -> float | None:
     return zero if left.get("heave", 2.0) < levels.GOOD and not bad(left) else None
 
 
-def _finding(campaign: Campaign, k: int, zero: float, run: Held) -> Finding:
-    """The finding about a run's zero, which cannot be so where sway or roll show that nothing else is its own."""
+def _finding(campaign: Campaign, k: int, zero: float, run: Held, as_fast: bool) -> Finding:
+    """The finding about a run's zero, which cannot be so where runs ``as_fast`` have none, and sway or roll swing more
+    nearly as usual than with a lift of that size."""
     name, off = campaign.runs[k].name, quantity("heave", round(zero, 5))
     lift = _carried(run)[k].usual
     slopes = [s for c in SWINGING if c in run.coordinates and (s := run.slope(c)) is not None]
-    alone = bool(slopes) and all(abs(log) < 0.5 * abs(np.log(lift)) for log, _ in slopes)
+    swings = bool(slopes) and all(abs(log) < 0.5 * abs(np.log(lift)) for log, _ in slopes)
     text = (
         f"in {name} alone of {len(campaign.runs)} runs the zero of heave is off by about {off}: as it is"
         f" written the model's lift is {lift:.2g} times what carries the cradle, unlike in the others"
     )
-    remedy = f"subtract {zero:.2g} m there, or leave the run out" + ("" if alone else "; or was its load another?")
-    size = {"zero": zero, "lift": lift, "runs": [name]}
-    return Finding("zero", IMPOSSIBLE if alone else WARNING, text, remedy, "heave", name, size=size)
+    remedy = f"subtract {zero:.2g} m there, or leave the run out"
+    remedy += "" if swings else "; or was its load another?"
+    remedy += "" if as_fast else "; or does the lift change so with the speed?"
+    severity = IMPOSSIBLE if swings and as_fast else WARNING
+    return Finding("zero", severity, text, remedy, "heave", name, size={"zero": zero, "lift": lift, "runs": [name]})
