@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_checks import POSE, changed, flown, measured, times_of
 
-from inductrack_ros.checks import IMPOSSIBLE, impossible, look
+from inductrack_ros.checks import IMPOSSIBLE, WARNING, impossible, look
 from inductrack_ros.core.model import Model
 
 
@@ -166,6 +166,17 @@ def test_a_zero_that_one_run_has_alone_is_named(zero, run, model):
     (found,) = look(changed(alike(), "heave", lambda y: y + zero, run), model)
     assert (found.kind, found.channel, found.run, found.severity) == ("zero", "heave", run, IMPOSSIBLE)
     assert found.size["zero"] == pytest.approx(zero, abs=5e-5) and "alone of 3 runs" in found.text
+
+
+@pytest.mark.parametrize("run", ["a", "c"])
+def test_a_zero_of_the_slowest_or_fastest_run_may_mislead(run, pose, model):
+    """There the lift might be another."""
+    (found,) = look(changed(pose, "heave", lambda y: y + 3e-3, run), model)
+    assert (found.kind, found.run, found.severity) == ("zero", run, WARNING) and "with the speed?" in found.remedy
+
+
+def test_a_rig_without_weight_is_looked_at(pose):
+    assert not impossible(look(pose, Model.create(parameters={"gravity": 0.0})))
 
 
 def test_a_zero_of_all_runs_stays_an_effect(pose, model):

@@ -19,7 +19,7 @@ _ACROSS = ("sway_acceleration", "heave_acceleration")
 def with_gravity(campaign: Campaign, model: Model) -> list[Finding]:
     """Findings about accelerometers whose mean is a gravity more or less than no motion: on average no cradle falls or
     climbs like that, nor goes aside."""
-    if not stops(model):
+    if not (stops(model) and model.parameters["gravity"]):
         return []
     return [f for channel in _ACROSS if (f := _with_gravity(campaign, model, channel)) is not None]
 

@@ -53,7 +53,7 @@ def _clock(campaign: Campaign, unit: str, factor: float, size: Mapping[str, obje
     step = float(np.median(np.diff(campaign.runs[0].times)))
     if not unit:
         text = (
-            f"everything runs {number(max(factor, 1 / factor), 2)} times too {'fast' if factor > 1.0 else 'slowly'} for"
+            f"everything runs about {number(max(factor, 1 / factor), 2)} times too {'fast' if factor > 1.0 else 'slowly'} for"
             f" the model's forces: all channels belong to its motion with a sample every {number(factor * step, 2)} s"
             f" instead of every {number(step)} s"
         )
