@@ -148,6 +148,12 @@ def test_the_gap_above_with_a_minus_is_named(pose, model):
         assert "change its sign, then subtract the nominal gap" in found[-1].remedy
 
 
+def test_a_rate_beside_minus_the_gap_is_no_cause_of_its_own(model):
+    rig = measured((*POSE, "heave_rate"))
+    (found,) = impossible(look(changed(rig, "heave", lambda y: -(y + 0.01)), model))
+    assert (found.kind, found.channel) == ("zero", "heave")
+
+
 @pytest.mark.parametrize("area", [-0.13, -0.115, -0.1, -0.05, 0.1])
 def test_a_lift_that_falls_with_the_speed_is_no_negative_gap(area, model):
     """The cradle sinks as it gets faster, as it seems to where its heave is the gap above with a minus."""

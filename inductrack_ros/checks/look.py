@@ -159,7 +159,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     """Without findings that another one explains: a wrong unit makes the noise differ and the rates not fit."""
     units = {f.channel for f in findings if f.kind in ("unit", "zero") and "slope" not in f.size}
     rates = {f.channel for f in impossible(findings) if f.kind == "unit"}
-    flipped = {c for f in findings if f.kind == "axis_flipped" for c in f.size.get("candidates", ())}
+    flipped = {c for f in findings if f.kind in ("axis_flipped", "zero") for c in f.size.get("candidates", ())}
     flipped |= {rate for c, rate in zip(COORDINATES, RATES, strict=True) if c in flipped}
     turned = any(f.kind == "turned" or len({*_AXES} & {*f.size.get("candidates", ())}) > 1 for f in findings)
     inverted = any(

@@ -52,10 +52,11 @@ def _clock(campaign: Campaign, unit: str, factor: float, size: Mapping[str, obje
     """A time that is to be multiplied by ``factor``, of a unit or at another rate."""
     step = float(np.median(np.diff(campaign.runs[0].times)))
     if not unit:
+        how = "fast" if factor > 1.0 else "slowly"
         text = (
-            f"everything runs about {number(max(factor, 1 / factor), 2)} times too {'fast' if factor > 1.0 else 'slowly'} for"
-            f" the model's forces: all channels belong to its motion with a sample every {number(factor * step, 2)} s"
-            f" instead of every {number(step)} s"
+            f"everything runs about {number(max(factor, 1 / factor), 2)} times too {how} for the model's forces: all"
+            f" channels belong to its motion with a sample every {number(factor * step, 2)} s instead of every"
+            f" {number(step)} s"
         )
         remedy = (
             f"look at the time column, and at the sampling rate that it was made of: multiply it by {number(factor, 2)}"
@@ -85,6 +86,7 @@ def _gap(change: Change, factor: float, size: Mapping[str, object]) -> Finding:
     else:
         text = f"{text} and with its sign changed: is it minus {_GAP}?"
         remedy = f"{remedy}: change its sign, then {_above(change)}"
+        size = {**size, "candidates": ["heave"]}
     return Finding("zero", IMPOSSIBLE, text, remedy, "heave", size={**size, "zero": -change.reading.zeros["heave"]})
 
 
