@@ -157,7 +157,10 @@ def test_a_rate_beside_minus_the_gap_is_no_cause_of_its_own(model):
 @pytest.mark.parametrize("area", [-0.13, -0.115, -0.1, -0.05, 0.1])
 def test_a_lift_that_falls_with_the_speed_is_no_negative_gap(area, model):
     """The cradle sinks as it gets faster, as it seems to where its heave is the gap above with a minus."""
-    assert not impossible(look(honest(effects={"aerodynamic_lift": {"lift_area": area}}), model))
+    rig = honest(effects={"aerodynamic_lift": {"lift_area": area}})
+    assert not impossible(look(rig, model))
+    (found,) = impossible(look(changed(rig, "heave", lambda y: -(y + 0.01)), model))
+    assert found.kind == "zero" and "minus the gap" in found.text
 
 
 def alike():

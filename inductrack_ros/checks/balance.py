@@ -77,7 +77,7 @@ class Held:
         if free.sum() < FEWEST:
             return None
         run = self.windows.run[free]
-        did, should = (within(y[free], run) for y in (self.did(coordinate), self.should(coordinate)))
+        did, should = (_within(y[free], run) for y in (self.did(coordinate), self.should(coordinate)))
         if not (size := float(should @ should)):
             return None
         slope = float(did @ should) / size
@@ -266,7 +266,7 @@ def _change(times: Array, acceleration: Array) -> Array:
     return (0.5 * (y[:, 1:] + y[:, :-1]) * step).sum(axis=1)
 
 
-def within(values: Array, group: Array) -> Array:
+def _within(values: Array, group: Array) -> Array:
     """(w,) Values without the mean of their group."""
     return values - (np.bincount(group, values) / np.maximum(np.bincount(group), 1))[group]
 

@@ -15,7 +15,7 @@ from scipy import optimize, stats
 from ..data import Campaign
 from ..data.measurement import Array
 from . import levels
-from .balance import OVERLAP, SURE, Held, bad, hold, middle, stops, within
+from .balance import OVERLAP, SURE, Held, bad, hold, middle, stops
 from .changes import Change, above
 from .finding import IMPOSSIBLE, WARNING, Finding, quantity
 from .room import room_of
@@ -70,39 +70,37 @@ def zeros_apart(campaign: Campaign, held: Held) -> list[Finding]:
 
 
 def negative_gap(held: Held) -> Change | None:
-    """Heave that is the gap above with a minus, where only so read one lift of the model's shape carries all runs; None
-    where that is not sure.
+    """Heave that is the gap above with a minus, where surely more of the lift is so explained; None where not.
 
     Such a heave rests where a cradle may rest and swings as one does: 5 mm under the middle are 5 mm over the track.
-    How the lift grows with the heave and with the speed tells, which no other size of the lift makes up for."""
+    How the lift grows with the heave and with the speed tells, which neither another size of the lift makes up for nor
+    an aerodynamic one."""
     if "heave" not in held.windows.values or held.reading.zeros or held.reading.swapped or not stops(held.model):
         return None
-    chance = _shape(held)
-    if chance is None or not chance < 2.0 * stats.norm.sf(SURE):
+    left, count = _unexplained(held), held.free.sum() / OVERLAP
+
+    def surely_less(other: float) -> bool:
+        return bool(count >= 1.0 and stats.f.sf(left / other, count, count) < 2.0 * stats.norm.sf(SURE))
+
+    if not surely_less(held.noise("heave") ** 2):  # and no reading leaves less
         return None
     change = above(held.reading, held.model, -1.0)
     then = hold(held.windows, held.model, change.reading)
-    shaped = (_shape(then) or 0.0) > levels.FALSE_ALARMS
-    return change if shaped and then.misfits.get("heave", 2.0) < levels.GOOD and not bad(then.misfits) else None
+    belongs = then.misfits.get("heave", 2.0) < levels.GOOD and not bad(then.misfits)
+    return change if belongs and surely_less(_unexplained(then)) else None
 
 
-def _shape(held: Held) -> float | None:
-    """The chance by which the lift of the model, in one size for all runs, carries the cradle no better than it does,
-    against a line for each run; None where there are too few windows to say."""
-    free = held.free
-    lift, needed = ((change + held.weight)[free] for change in (held.should("heave"), held.did("heave")))
-    run = held.windows.run[free]
-    runs = [k for k in np.unique(run) if (run == k).sum() >= FEWEST]
-    kept = np.isin(run, runs)
-    lift, needed, run = lift[kept], needed[kept], run[kept]
-    more, rest = 2 * len(runs) - 1, len(lift) / OVERLAP - 2 * len(runs)
-    if rest <= 0.0:
-        return None
-    x, y = within(lift, run), within(needed, run)
-    squares, products = np.bincount(run, x * x), np.bincount(run, x * y)
-    left = float(y @ y - (products[runs] ** 2 / squares[runs]).sum())
-    one = needed - lift * (needed @ lift) / (lift @ lift)
-    return float(stats.f.sf((one @ one - left) / more / (left / rest), more, rest))
+def _unexplained(held: Held) -> float:
+    """Mean square of what carries the cradle besides the lift of the model in one size, and a force with the square of
+    the speed; NaN where that is not known."""
+    free, weight = held.free, held.weight
+    lift, needed = held.should("heave") + weight, held.did("heave") + weight
+    speed = np.median(held.motion.states["surge_rate"], axis=1)
+    columns = np.stack([lift, weight * speed**2], axis=1)[free]
+    square, product = columns.T @ columns, columns.T @ needed[free]
+    if not np.isfinite(square).all() or np.linalg.matrix_rank(square) < len(square):
+        return np.nan
+    return float(np.mean((needed[free] - columns @ np.linalg.solve(square, product)) ** 2))
 
 
 def _carried(held: Held) -> dict[int, _Carried]:
