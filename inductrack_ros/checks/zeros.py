@@ -86,7 +86,7 @@ def negative_gap(held: Held) -> Change | None:
         return None
     change = above(held.reading, held.model, -1.0)
     then = hold(held.windows, held.model, change.reading)
-    belongs = "heave" in then.misfits and not bad(then.misfits)
+    belongs = then.misfits.get("heave", 2.0) < levels.GOOD and not bad(then.misfits)
     return change if belongs and surely_less(_unexplained(then)) else None
 
 
