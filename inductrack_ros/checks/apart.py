@@ -34,7 +34,14 @@ def of_some(
     odd = {name for mine in kinds.values() for name in mine}
     if len(odd) == len(apart) and impossible(together):
         return together
-    some = [mine for mine in kinds.values() if _others_are_right(campaign, mine, alone)]
+    surely = {c for f in impossible(together) for c in _about(f)}
+
+    def is_told(mine: dict[str, Finding]) -> bool:
+        """Whether what may mislead in some runs is what cannot be so in all."""
+        first = next(iter(mine.values()))
+        return first.severity != IMPOSSIBLE and first.channel in campaign.channels and first.channel in surely
+
+    some = [mine for mine in kinds.values() if not is_told(mine) and _others_are_right(campaign, mine, alone)]
     if not some:
         return together
     named = {c for mine in some for f in mine.values() for c in (*_about(f), *f.size.get("explains", ()))}
