@@ -125,6 +125,36 @@ def test_the_slopes_by_kicks_starts_and_readings(run):
             assert told[0, k] - told[1, k] == pytest.approx(slope, rel=1e-5, abs=1e-7)
 
 
+def test_of_a_run_kept_in_step_variances_are_charged_as_if_its_pulses_came_with_the_cradle(run):
+    """What is left is as it was; the determinant is that of a run in which surge changes nothing else. What is found
+    less what is expected is the slope of both, by the power and by the readings' variances."""
+    power, theta, h = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.3, -0.2]), 1e-5
+    weights, transitions = np.array([1.0, *theta]), run.transitions.copy()
+    transitions[:, :, 0] = np.eye(STATES)[0]
+    paced = replace(run, paced=True)
+    filtered = run_filter(paced, power)
+    assert np.array_equal(filtered.whitened, run_filter(run, power).whitened)
+    charged = np.linalg.slogdet(dense(replace(run, transitions=transitions), power)[0])[1]
+    assert charged != pytest.approx(np.linalg.slogdet(dense(run, power)[0])[1], abs=0.01)
+    assert log_determinant(filtered.tally(paced, of_one_channel(run), 1)) == pytest.approx(charged, rel=1e-9)
+
+    def less_deviance(q: np.ndarray, variance: np.ndarray) -> float:
+        covariance, left, _, _ = dense(replace(run, variance=variance), q)
+        in_step = dense(replace(run, variance=variance, transitions=transitions), q)[0]
+        r = left @ weights
+        return -np.linalg.slogdet(in_step)[1] - r @ np.linalg.solve(covariance, r)
+
+    smoothed = run_smoother(paced, filtered, theta)
+    found, V = smoothed.found - smoothed.expected, run.variance
+    for c, step in enumerate(h * np.eye(4)):
+        slope = (less_deviance(power + step, V) - less_deviance(power - step, V)) / (2 * h)
+        assert found[c] == pytest.approx(slope, rel=1e-5)
+    for j in range(len(V)):
+        step = h * V * (np.arange(len(V)) == j)
+        slope = (less_deviance(power, V + step) - less_deviance(power, V - step)) / (2 * h)
+        assert smoothed.of_readings[0, j] - smoothed.of_readings[1, j] == pytest.approx(slope, rel=1e-5, abs=1e-7)
+
+
 def test_a_reading_that_does_not_count_costs_what_others_of_its_channel_do(run):
     """Over many data of noise alone the cost is the same on average, whichever nodes touch, however stiff they are."""
     rng, power = np.random.default_rng(5), np.zeros(4)

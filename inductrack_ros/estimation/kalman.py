@@ -40,7 +40,8 @@ class LinearRun:
     beside those of the accelerations; ``touching`` (n,) where the cradle is in contact on that way; ``late`` (m, 4)
     what the coordinates' rates add to a reading because it is of another moment; ``struck`` (m,) readings that show
     what an impact changes; ``contact`` (n,) where such readings do not count in any fit (None: where this trajectory
-    touches); ``blown`` (m,) what of the variance is blows of a contact."""
+    touches); ``blown`` (m,) what of the variance is blows of a contact; ``paced`` whether its pulses were fired as the
+    cradle came by (see `in_step`); its first state is then surge."""
 
     first: np.ndarray
     sensitivity: np.ndarray
@@ -57,6 +58,7 @@ class LinearRun:
     struck: np.ndarray
     contact: np.ndarray | None = None
     blown: np.ndarray | None = None
+    paced: bool = False
 
     @property
     def known(self) -> np.ndarray:
@@ -80,6 +82,20 @@ class LinearRun:
         """Readings (m,) whose noise a deviance counts: those that count, and the others where another fit may count
         them."""
         return self.scored | (self.contact is None)
+
+    def in_step(self) -> LinearRun:
+        """The run as far as its variances go (no columns) where a cradle that is late finds its pulses late as well.
+
+        With its pulses taken as given, a cradle may fall out of step with them, faster than exponentially where they
+        push it on. Whoever fires them sees to it that it does not, but how is not known. So how well a run keeps step
+        by itself is no evidence for or against a model."""
+        F = self.transitions.copy()
+        F[:, :, 0] = np.arange(F.shape[1]) == 0
+        none = slice(0, 0)
+        return replace(
+            self, transitions=F, data=self.data[:, none], inputs=self.inputs[:, :, none],
+            start_mean=self.start_mean[:, none], paced=False,
+        )  # fmt: skip
 
     def muted(self, which: np.ndarray) -> LinearRun:
         """The run in which some readings (m,) say nothing."""
@@ -108,13 +124,20 @@ class Columns:
 
 @dataclass(frozen=True)
 class Filtered:
-    """Innovations (m, c) of every column, their variances (m,), and what the smoother needs of the way there."""
+    """Innovations (m, c) of every column, their variances (m,), and what the smoother needs of the way there; of a
+    paced run also those of the run `in_step`, whose variances are charged."""
 
     innovations: np.ndarray
     variances: np.ndarray
     gains: np.ndarray
     roots: np.ndarray
     means: np.ndarray
+    in_step: Filtered | None = None
+
+    @property
+    def charged(self) -> np.ndarray:
+        """Variances (m,) of which a deviance counts the logarithms."""
+        return self.variances if self.in_step is None else self.in_step.variances
 
     @property
     def whitened(self) -> np.ndarray:
@@ -135,7 +158,7 @@ class Filtered:
         number."""
         counts = run.scored
         others = run.charged & ~counts
-        of_noise, whole = np.log(run.variance), np.log(self.variances)
+        of_noise, whole = np.log(run.variance), np.log(self.charged)
         without = of_noise if run.blown is None else np.log(run.variance - run.blown)
         parts = (whole * counts, (whole - of_noise) * counts, counts, without * others, others)
         return np.array([np.bincount(channel, weights=w.astype(float), minlength=channels) for w in parts])
@@ -181,7 +204,8 @@ def run_filter(run: LinearRun, power: np.ndarray, smooth: bool = True) -> Filter
         run.first, run.sensitivity, run.data, run.variance, run.transitions, run.inputs, run.spacing, run.start_root,
         run.start_mean, run.kicks, np.asarray(power, float), innovations, variances, gains, roots, means,
     )  # fmt: skip
-    return Filtered(innovations, variances, gains, roots, means)
+    beside = run_filter(run.in_step(), power, smooth) if run.paced else None
+    return Filtered(innovations, variances, gains, roots, means, beside)
 
 
 def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoothed:
@@ -189,7 +213,7 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
 
     What moves the cradle during a contact says nothing of the disturbances, for it may be the contact. Only surge goes
     on as it does without."""
-    weights = np.concatenate([[1.0], theta])
+    weights = np.concatenate([[1.0], theta])[: filtered.innovations.shape[1]]
     n, size, _ = filtered.roots.shape
     deviations, adjoint = np.empty((n, size)), np.empty((n, size))
     found, expected = np.zeros(4), np.zeros(4)
@@ -201,6 +225,9 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
         filtered.innovations @ weights, filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights,
         deviations, adjoint, found, expected, of_states, of_readings,
     )  # fmt: skip
+    if filtered.in_step is not None:  # what is expected is the derivative of what is charged
+        even = run_smoother(run.in_step(), filtered.in_step, np.empty(0))
+        expected, of_states[1], of_readings[1] = even.expected, even.of_states[1], even.of_readings[1]
     return Smoothed(deviations, adjoint, found, expected, of_states, of_readings, run.scored)
 
 

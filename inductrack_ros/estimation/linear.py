@@ -88,6 +88,7 @@ def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray,
         late,
         _struck(data),
         data.contact,
+        paced=not data.averaged and active[0] == 0,
     )
 
 
