@@ -50,8 +50,10 @@ def of_some(
 
 
 def _others_are_right(campaign: Campaign, mine: dict[str, Finding], alone: Callable[[Campaign], list[Finding]]) -> bool:
-    """Whether the runs that do not give a finding by themselves do not give it together either, for they may be short;
-    nor move as no reading explains, for what all lack is no one run's."""
+    """Whether the runs that do not give a finding by themselves are right in it.
+
+    They do not give it together either, for each may be short. Nor do they move as no reading explains, for what all
+    lack is no one run's."""
     first = next(iter(mine.values()))
     everywhere = first.channel not in campaign.channels  # the clock, the drive
     others = tuple(r for r in campaign.runs if r.name not in mine and (everywhere or first.channel in r.channels))
