@@ -8,6 +8,7 @@ import pytest
 from test_checks import POSE, changed, flown, measured, times_of
 
 from inductrack_ros.checks import IMPOSSIBLE, WARNING, impossible, look
+from inductrack_ros.checks.readings import explains
 from inductrack_ros.core.model import Model
 
 
@@ -36,6 +37,18 @@ def exchanged(campaign, pair, runs="abc"):
         return replace(run, values=run.values[:, [run.channels.index(c) for c in columns]])
 
     return replace(campaign, runs=tuple(one(r) if r.name in runs else r for r in campaign.runs))
+
+
+# ---------------------------------------------------------------- what explains anything
+
+
+def test_a_channel_whose_unit_explains_another_has_to_belong_itself():
+    """A hidden spring in roll: with sway a thousand times smaller roll would fit, and sway would not move as it should
+    at all."""
+    off, then = {"surge": 0.03, "roll": 0.78}, {"surge": 0.03, "roll": 0.14}
+    assert explains(off, then | {"sway": 0.05}, ["sway"])
+    assert not explains(off, then | {"sway": 1.0}, ["sway"])
+    assert explains(off, then | {"sway": 1.0}, ["time"])  # sway may have a fault of its own
 
 
 # ---------------------------------------------------------------- channels that changed places

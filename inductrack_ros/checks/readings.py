@@ -4,7 +4,7 @@ belong?"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ..core.model import Model
 from ..data import Campaign
@@ -99,7 +99,7 @@ def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
     else:
         return None
     tried = [(change, hold(held.windows, held.model, change.reading)) for change in others]
-    tried = [t for t in tried if _explains(left, t[1].misfits)]
+    tried = [t for t in tried if explains(left, t[1].misfits, t[0].about)]
     if not tried:
         return None
     among = left.keys() | {c for t in tried for c in t[1].misfits}
@@ -137,11 +137,13 @@ def _backwards(campaign: Campaign, model: Model) -> list[Finding]:
     return [Finding("axis_flipped", IMPOSSIBLE, text, remedy, "surge", size={"candidates": ["surge"]})]
 
 
-def _explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+def explains(before: Mapping[str, float], after: Mapping[str, float], about: Sequence[str]) -> bool:
     """Whether a reading brings something that was off to where it belongs, and nothing out of where it belonged; all,
-    where nothing was known ``before``."""
+    where nothing was known ``before``.
+
+    What it is ``about`` has to belong then, also where nothing told of it before."""
     mended = [c for c in bad(before) if after.get(c, 2.0) < levels.GOOD]
-    spoiled = [c for c in bad(after) if c not in bad(before) and c in before]
+    spoiled = [c for c in bad(after) if c not in bad(before) and (c in before or c in about)]
     if not before:
         return {"sway", "heave", "roll"} <= after.keys() and max(after.values()) < levels.GOOD
     return bool(mended) and not spoiled and total(after, before) < (1 - BETTER) * total(before, before)
