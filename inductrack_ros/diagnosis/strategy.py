@@ -175,7 +175,7 @@ def add_known(task: Task, state: State) -> State:
             tried.append(forced)
     if not tried:
         return state.told("no known effect explains more than chance would")
-    found = min(tried, key=lambda s: s.cost(task))
+    found = plainest(task, tried)
     if found.cost(task) > state.cost(task):
         return state.told(f"{' + '.join(found.added)} promises more than it keeps")
     return add_background(task, found)
@@ -189,12 +189,22 @@ def best_kept(task: Task, state: State, screening: Screening) -> State:
     plain, family = screening.scores.plain, screening.family
     batch, kept, done, reach = promising(screening, plain), [], [], -np.inf
     while batch and len(done) < MOST_REFITTED:
-        cheapest, tried = min(_smallest_first(task, state, batch, family), key=lambda one: one[1].cost(task))
-        kept, done = [*kept, settled(task, tried)], [*done, *batch]
+        tried = _smallest_first(task, state, batch, family)
+        cheapest, best = min(tried, key=lambda one: one[1].cost(task))
+        parts = [t for _, t in tried if set(t.added) < set(best.added) and t.cost(task) < best.cost(task) + NEAR]
+        kept, done = [*kept, *(settled(task, t) for t in (*parts, best))], [*done, *batch]
         promised = cheapest.deviance
         reach = max(reach, promised + abs(kept[-1].fit.deviance - promised))
         batch = [s for s in screening.singles if s.deviance < min(reach, plain) and s not in done][:REFITTED]
-    return min(kept, key=lambda s: s.cost(task))
+    return plainest(task, kept)
+
+
+def plainest(task: Task, states: Sequence[State]) -> State:
+    """The cheapest of some states, or a part of its effects where the data cannot tell that from the whole: the next
+    round asks anew what is missing beside."""
+    best = min(states, key=lambda s: s.cost(task))
+    parts = [s for s in states if set(s.added) < set(best.added) and s.cost(task) < best.cost(task) + TWINS]
+    return min(parts, key=lambda s: s.cost(task), default=best)
 
 
 def _smallest_first(
