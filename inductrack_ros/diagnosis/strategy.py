@@ -191,7 +191,7 @@ def best_kept(task: Task, state: State, screening: Screening) -> State:
     while batch and len(done) < MOST_REFITTED:
         tried = _smallest_first(task, state, batch, family)
         cheapest, best = min(tried, key=lambda one: one[1].cost(task))
-        parts = [t for _, t in tried if set(t.added) < set(best.added) and t.cost(task) < best.cost(task) + NEAR]
+        parts = parts_of(task, best, [t for _, t in tried], NEAR)
         kept, done = [*kept, *(settled(task, t) for t in (*parts, best))], [*done, *batch]
         promised = cheapest.deviance
         reach = max(reach, promised + abs(kept[-1].fit.deviance - promised))
@@ -203,8 +203,12 @@ def plainest(task: Task, states: Sequence[State]) -> State:
     """The cheapest of some states, or a part of its effects where the data cannot tell that from the whole: the next
     round asks anew what is missing beside."""
     best = min(states, key=lambda s: s.cost(task))
-    parts = [s for s in states if set(s.added) < set(best.added) and s.cost(task) < best.cost(task) + TWINS]
-    return min(parts, key=lambda s: s.cost(task), default=best)
+    return min(parts_of(task, best, states, TWINS), key=lambda s: s.cost(task), default=best)
+
+
+def parts_of(task: Task, whole: State, states: Sequence[State], within: float) -> list[State]:
+    """Those of some states that have a part of the effects of one, and cost less than ``within`` more."""
+    return [s for s in states if set(s.added) < set(whole.added) and s.cost(task) < whole.cost(task) + within]
 
 
 def _smallest_first(

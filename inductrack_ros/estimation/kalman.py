@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -83,6 +84,7 @@ class LinearRun:
         them."""
         return self.scored | (self.contact is None)
 
+    @cached_property
     def in_step(self) -> LinearRun:
         """The run as far as its variances go (no columns) where a cradle that is late finds its pulses late as well.
 
@@ -135,7 +137,7 @@ class Filtered:
     in_step: Filtered | None = None
 
     @property
-    def charged(self) -> np.ndarray:
+    def charged_variances(self) -> np.ndarray:
         """Variances (m,) of which a deviance counts the logarithms."""
         return self.variances if self.in_step is None else self.in_step.variances
 
@@ -158,7 +160,7 @@ class Filtered:
         number."""
         counts = run.scored
         others = run.charged & ~counts
-        of_noise, whole = np.log(run.variance), np.log(self.charged)
+        of_noise, whole = np.log(run.variance), np.log(self.charged_variances)
         without = of_noise if run.blown is None else np.log(run.variance - run.blown)
         parts = (whole * counts, (whole - of_noise) * counts, counts, without * others, others)
         return np.array([np.bincount(channel, weights=w.astype(float), minlength=channels) for w in parts])
@@ -204,7 +206,7 @@ def run_filter(run: LinearRun, power: np.ndarray, smooth: bool = True) -> Filter
         run.first, run.sensitivity, run.data, run.variance, run.transitions, run.inputs, run.spacing, run.start_root,
         run.start_mean, run.kicks, np.asarray(power, float), innovations, variances, gains, roots, means,
     )  # fmt: skip
-    beside = run_filter(run.in_step(), power, smooth) if run.paced else None
+    beside = run_filter(run.in_step, power, smooth) if run.paced else None
     return Filtered(innovations, variances, gains, roots, means, beside)
 
 
@@ -226,7 +228,7 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
         deviations, adjoint, found, expected, of_states, of_readings,
     )  # fmt: skip
     if filtered.in_step is not None:  # what is expected is the derivative of what is charged
-        even = run_smoother(run.in_step(), filtered.in_step, np.empty(0))
+        even = run_smoother(run.in_step, filtered.in_step, np.empty(0))
         expected, of_states[1], of_readings[1] = even.expected, even.of_states[1], even.of_readings[1]
     return Smoothed(deviations, adjoint, found, expected, of_states, of_readings, run.scored)
 
