@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real nodes in real processes over real DDS: fixtures that start them, listen, and end them."""
+"""Real nodes in real processes over real DDS: fixtures that start them, listen, and end them. The model and the runs
+that several files look at."""
 
 from __future__ import annotations
 
@@ -21,6 +22,8 @@ from hypothesis import settings
 from rosbags.rosbag2 import Reader
 from threadpoolctl import threadpool_limits
 
+from inductrack_ros.core.model import Model
+from inductrack_ros.data import Campaign
 from inductrack_ros.nodes.domain import claim_domain
 from inductrack_ros.nodes.ending import NO_ORPHAN
 
@@ -332,3 +335,17 @@ def ros(tmp_path: Path) -> Iterator[Ros]:
 def figure() -> Callable[[str, object], None]:
     """Say a measured figure; `make faults` shows them, docs/robustness.md quotes them."""
     return lambda name, value: print(f"\nfigure: {name}: {value}")
+
+
+@pytest.fixture(scope="session")
+def model() -> Model:
+    """The package's own model; a file may have another."""
+    return Model.default()
+
+
+@pytest.fixture(scope="session")
+def pose() -> Campaign:
+    """Three runs of that model with white noise, as the looks at the data take them."""
+    from test_checks import measured  # once pytest has rewritten its assertions
+
+    return measured()

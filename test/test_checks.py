@@ -78,16 +78,6 @@ def flown(
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return Model.default()
-
-
-@pytest.fixture(scope="module")
-def pose() -> Campaign:
-    return measured()
-
-
-@pytest.fixture(scope="module")
 def everything() -> Campaign:
     return measured(tuple(c for c in CHANNELS))
 

@@ -6,27 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_checks import NOISE, changed, kinds, measured
+from test_checks import NOISE, changed, kinds
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, look
 from inductrack_ros.checks.steps import step_of
 from inductrack_ros.compare import compare
 from inductrack_ros.core.errors import InputError
-from inductrack_ros.core.model import Model
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.estimation.misfits import SeriesMisfit
 from inductrack_ros.estimation.processes import ROUNDED, Process, rounding
 from inductrack_ros.estimation.shooting import linearise_all
-
-
-@pytest.fixture(scope="module")
-def model():
-    return Model.default()
-
-
-@pytest.fixture(scope="module")
-def pose():
-    return measured()
 
 
 def in_steps(campaign, step, channel="surge", runs="abc"):

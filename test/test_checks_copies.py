@@ -8,17 +8,6 @@ import pytest
 from test_checks import NOISE, POSE, changed, flown, measured
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, admit, impossible, look
-from inductrack_ros.core.model import Model
-
-
-@pytest.fixture(scope="module")
-def model():
-    return Model.default()
-
-
-@pytest.fixture(scope="module")
-def pose():
-    return measured()
 
 
 def with_channel(campaign, name, channel, values):

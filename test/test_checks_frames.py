@@ -11,17 +11,11 @@ from test_data_bags import POSE as POSE_STAMPED
 
 from inductrack_ros import frames
 from inductrack_ros.checks import IMPOSSIBLE, impossible, look
-from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import COORDINATES, RATES
 from inductrack_ros.data import read_bag
 
 STEP = 2_000_000
 ACCELERATIONS = ("surge_acceleration", "sway_acceleration", "heave_acceleration")
-
-
-@pytest.fixture(scope="module")
-def model():
-    return Model.default()
 
 
 @pytest.fixture(scope="module")

@@ -18,16 +18,6 @@ from inductrack_ros.reports.check_report import check_report
 
 
 @pytest.fixture(scope="module")
-def model():
-    return Model.default()
-
-
-@pytest.fixture(scope="module")
-def pose():
-    return measured()
-
-
-@pytest.fixture(scope="module")
 def everything():
     return measured(tuple(CHANNELS))
 

@@ -12,16 +12,6 @@ from inductrack_ros.checks.readings import explains
 from inductrack_ros.core.model import Model
 
 
-@pytest.fixture(scope="module")
-def model():
-    return Model.default()
-
-
-@pytest.fixture(scope="module")
-def pose():
-    return measured()
-
-
 def only(campaign, name="a"):
     """The campaign with one run only, and no noise stated."""
     return replace(campaign, runs=tuple(r for r in campaign.runs if r.name == name), noise_std={})
