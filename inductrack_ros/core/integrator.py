@@ -87,6 +87,18 @@ def until_pulse_edge(t, tau, pulse_times, first):
     return wait, burns
 
 
+def first_unburnt(t, tau, pulse_times):
+    """Index of the first pulse that has not burnt out by time t."""
+    low, high = 0, pulse_times.size
+    while low < high:
+        middle = (low + high) // 2
+        if pulse_times[middle] + tau <= t:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
 def groups_on(on):
     """A bit for each group of neighbours in the right-hand side of which any is on: most are off, and asking each took
     a tenth."""
@@ -230,14 +242,15 @@ def integrate(times, t, state, P, on, moving, origin, averaged, pt, pp, pc, long
         free[i] = moving[i]
     groups = groups_on(on)
     rig = (P, on, groups, free, touching, origin, averaged, pt, pp, pc)
-    first, switches, refine = 0, 0, 1.0
+    first, switches, refine = 0 if averaged else first_unburnt(t, P[PULSE_LENGTH], pt), 0, 1.0
 
     slope(t, x, rig, first, k1, q)
     for i in range(3):
         touching[i] = touches(i, P, q)
     if x[4] == 0.0 and free[0] > 0.0 and sticks(t, x, rig, first, k, q_new):
         free[0] = 0.0
-    slope(t, x, rig, first, k1, q)
+    if touching[0] or touching[1] or touching[2] or free[0] != moving[0]:
+        slope(t, x, rig, first, k1, q)
 
     for row in range(times.size):
         target = times[row]

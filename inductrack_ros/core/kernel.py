@@ -150,6 +150,7 @@ def _module_text(effects: list[Effect], column: dict[str, int], n_states: int) -
         "pulse_sum",
         "current",
         "until_pulse_edge",
+        "first_unburnt",
         "groups_on",
         "touches",
         "switches_contact",
