@@ -41,7 +41,7 @@ def of_some(
         first = next(iter(mine.values()))
         return first.severity != IMPOSSIBLE and first.channel in campaign.channels and first.channel in surely
 
-    some = [mine for mine in kinds.values() if not is_told(mine) and _others_are_right(campaign, mine, alone)]
+    some = [mine for mine in kinds.values() if not is_told(mine) and _others_are_right(campaign, mine, apart, alone)]
     if not some:
         return together
     named = {c for mine in some for f in mine.values() for c in (*_about(f), *f.size.get("explains", ()))}
@@ -49,17 +49,28 @@ def of_some(
     return [_in_runs(mine, where) for mine in some] + [f for f in together if not named & set(_about(f))]
 
 
-def _others_are_right(campaign: Campaign, mine: dict[str, Finding], alone: Callable[[Campaign], list[Finding]]) -> bool:
-    """Whether the runs that do not give a finding by themselves are right in it.
+def _others_are_right(
+    campaign: Campaign,
+    mine: dict[str, Finding],
+    apart: dict[str, list[Finding]],
+    alone: Callable[[Campaign], list[Finding]],
+) -> bool:
+    """Whether the runs that do not give a finding by themselves are right in it; ``apart`` is what each run gives.
 
-    They do not give it together either, for each may be short. Nor do they move as no reading explains, for what all
-    lack is no one run's."""
+    They do not give it together either, for each may be short. Nor do they move as no reading explains, together or
+    most of them by themselves, for what all lack is no one run's."""
     first = next(iter(mine.values()))
     everywhere = first.channel not in campaign.channels  # the clock, the drive
     others = tuple(r for r in campaign.runs if r.name not in mine and (everywhere or first.channel in r.channels))
     if not others:
         return False
     about, size = set(_about(first)), first.size.get("factor")
+
+    def unexplained(finding: Finding) -> bool:
+        return finding.kind == "unlike" and finding.severity != IMPOSSIBLE and bool(about & set(_about(finding)))
+
+    if 2 * sum(any(map(unexplained, apart[r.name])) for r in others) > len(others):
+        return False
 
     def the_same(finding: Finding) -> bool:
         other = finding.size.get("factor")
@@ -79,7 +90,7 @@ def _about(finding: Finding) -> Iterable[str]:
     """What a finding speaks of: its channels, or its kind where it is about the clock."""
     return [
         finding.channel or finding.kind,
-        *filter(None, (finding.size.get("of"), *finding.size.get("candidates", ()))),
+        *filter(None, (finding.size.get("of"), *finding.size.get("candidates", ()), *finding.size.get("channels", ()))),
     ]
 
 
