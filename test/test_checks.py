@@ -333,6 +333,32 @@ def test_repeats_of_a_sensor_that_is_read_slowly_are_no_measurements(pose, model
     assert not any(f.kind == "held" for f in look(changed(pose, "roll", lambda y: np.round(y, 3)), model))
 
 
+@pytest.mark.parametrize("share", [0.03, 0.2])
+def test_readings_that_repeat_the_one_before_now_and_then_are_no_measurements(share, pose, model):
+    def missed(y):
+        late = np.random.default_rng(3).random(len(y)) < share
+        late[0] = False
+        return y[np.maximum.accumulate(np.where(late, 0, np.arange(len(y))))]
+
+    (found,) = look(changed(pose, "sway", missed), model)
+    assert (found.kind, found.channel, found.severity) == ("held", "sway", SET_ASIDE)
+    assert found.size["count"] == pytest.approx(share * sum(len(r.times) for r in pose.runs), rel=0.3)
+
+
+@pytest.mark.parametrize("steps", [0.3, 1.0, 3.0])
+def test_coarse_readings_that_repeat_by_themselves_are_kept(steps, pose, model):
+    """Also those of a travel that stands still for half of the run."""
+    step, rng = steps * pose.noise_std["surge"], np.random.default_rng(5)
+    moving = changed(pose, "surge", lambda y: step * np.round(y / step))
+    assert not any(f.kind == "held" for f in look(moving, model))
+
+    def stopped(y):
+        noise = pose.noise_std["surge"] * rng.standard_normal(len(y))
+        return step * np.round((np.minimum(y, y[len(y) // 2]) + noise) / step)
+
+    assert not any(f.kind == "held" for f in look(changed(pose, "surge", stopped), model))
+
+
 def test_another_zero_is_told_from_another_unit(pose, model):
     (found,) = impossible(look(changed(pose, "heave", lambda y: y + 0.3), model))
     assert found.kind == "zero"

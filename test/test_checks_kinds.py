@@ -60,6 +60,19 @@ def test_a_zero_that_moves_is_named(channel, size, pose, model):
     assert found.size["jump"] == pytest.approx(size, rel=0.3) and "b.csv" in found.text
 
 
+@pytest.mark.parametrize("seed", [5, 16, 18, 47, 56])
+def test_a_burst_of_noise_is_no_zero_that_moves(seed, pose, model):
+    """Its large steps add up to a jump now and then: with these five of sixty seeds a jump was named."""
+
+    def burst(y):
+        rng = np.random.default_rng(seed)
+        first = rng.integers(len(y) - 60)
+        there = (np.arange(len(y)) >= first) & (np.arange(len(y)) < first + 60)
+        return y + there * 10.0 * pose.noise_std["sway"] * rng.standard_normal(len(y))
+
+    assert impossible(look(changed(pose, "sway", burst, "b"), model)) == ()
+
+
 @pytest.mark.parametrize("hole", [3, 13, 40])
 def test_what_a_cradle_travels_during_a_hole_is_no_jump(hole, pose, model):
     """A bad sample in front of the hole is one, and no more."""

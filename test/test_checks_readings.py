@@ -8,6 +8,8 @@ import pytest
 from test_checks import POSE, changed, flown, measured, times_of
 
 from inductrack_ros.checks import IMPOSSIBLE, WARNING, impossible, look
+from inductrack_ros.checks.apart import of_some
+from inductrack_ros.checks.finding import Finding
 from inductrack_ros.checks.readings import explains
 from inductrack_ros.core.model import Model
 
@@ -39,6 +41,21 @@ def test_a_channel_whose_unit_explains_another_has_to_belong_itself():
     assert explains(off, then | {"sway": 0.05}, ["sway"])
     assert not explains(off, then | {"sway": 1.0}, ["sway"])
     assert explains(off, then | {"sway": 1.0}, ["time"])  # sway may have a fault of its own
+
+
+@pytest.mark.parametrize(("unlike", "told"), [("bc", False), ("b", True)])
+def test_a_unit_is_no_one_runs_where_most_others_move_as_none_explains(unlike, told, pose):
+    """A strong asymmetry of the arrays: each run alone moves by other forces, and one of them might be in inches."""
+
+    def alone(campaign):
+        names = [run.name for run in campaign.runs]
+        if names == ["a"]:
+            return [Finding("unit", IMPOSSIBLE, "sway seems to be in inches", "", "sway", size={"factor": 0.0254})]
+        if len(names) > 1 or names[0] not in unlike:
+            return []
+        return [Finding("unlike", WARNING, "roll and sway move", "", "roll", size={"channels": ["roll", "sway"]})]
+
+    assert bool(impossible(of_some(pose, [], alone, lambda finding: True))) == told
 
 
 # ---------------------------------------------------------------- channels that changed places

@@ -19,8 +19,11 @@ from .noise_found import Channel
 BESIDE = 5
 #: A step counts as part of a jump from this part of the largest one beside it on; what is left of it in the end, too.
 PART, LEFT = 0.3, 0.5
-#: A jump is this many times as far as the samples beside it would go in its time, and this many times their noise.
+#: A jump is this many times as far as the samples beside it would go in its time, and this many times their noise,
+#: which may be more there than elsewhere.
 CLEAR, OVER_NOISE = 6.0, 10.0
+#: Median size of the second differences of white noise over its standard deviation.
+_BEND = 0.6745 * np.sqrt(6.0)
 #: Jumps that differ by less than this part are of one length, that of a counter's range.
 ALIKE = 0.2
 #: Samples within which a channel that jumps back was lost for a while.
@@ -94,7 +97,8 @@ def _back(found: list[tuple[int, float]]) -> tuple[list[tuple[int, float]], NDAr
 
 
 def _jumps(run: Run, channel: str, rows: NDArray[np.intp], about: Channel) -> Iterator[tuple[int, float]]:
-    """Sample before each jump, and its size."""
+    """Sample before each jump, and its size. Steps in a burst of noise are as large, but do not stand over what
+    is beside them, or end where they began."""
     known = np.flatnonzero(~np.isnan(run[channel]))
     at = np.searchsorted(known, rows)
     for cluster in np.split(at, np.flatnonzero(np.diff(at) > 2) + 1):
@@ -107,8 +111,12 @@ def _jumps(run: Run, channel: str, rows: NDArray[np.intp], about: Channel) -> It
         jump, lasting = float(steps[large].sum()), float(np.diff(run.times[known[first : last + 1]])[large].sum())
         beside = [np.diff(run[channel][some]) / np.diff(run.times[some]) for some in (before, behind)]
         usual = float(np.median(np.abs(np.concatenate(beside))))
-        least = max(CLEAR * usual * lasting, OVER_NOISE * max(about.noise, about.step), levels.SMALLEST * about.spread)
-        if abs(jump) > max(LEFT * np.abs(steps).max(), least):
+        bends = [np.median(np.abs(np.diff(run[channel][some], 2))) for some in (before, behind)]
+        noise = max(about.noise, about.step, float(max(bends)) / _BEND)
+        least = max(CLEAR * usual * lasting, OVER_NOISE * noise, levels.SMALLEST * about.spread)
+        went = float(np.median(np.concatenate(beside))) * float(run.times[behind[0]] - run.times[before[-1]])
+        stayed = np.sign(jump) * (run[channel][behind[0]] - run[channel][before[-1]] - went)
+        if abs(jump) > max(LEFT * np.abs(steps).max(), least) and stayed > LEFT * abs(jump):
             yield int(known[first + int(np.argmax(np.abs(steps)))]), jump
 
 

@@ -20,6 +20,7 @@ from .excitation import excitation, held_still, too_few
 from .filled import filled
 from .finding import SET_ASIDE, Finding, impossible, worst_first
 from .hangs import hangs
+from .holds import held
 from .interleaved import interleaved
 from .jitter import jitter
 from .jumps import jumps, wraps
@@ -31,7 +32,7 @@ from .pairs import pairs
 from .readings import readings
 from .repeats import repeats
 from .rest import rest
-from .sensors import held, sensors
+from .sensors import sensors
 from .stated import stated
 from .touch import Touch
 from .turned import half_turns

@@ -13,9 +13,8 @@ from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, WARNING, Finding, as_samples, number, place, quantity, shared
-from .hangs import flat_stretches, repeats_of
+from .hangs import flat_stretches
 from .noise_found import READINGS, Channel
-from .steps import step_of
 
 
 def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel], model: Model | None) -> list[Finding]:
@@ -29,46 +28,6 @@ def sensors(campaign: Campaign, calm: Campaign, channels: Mapping[str, Channel],
         else:
             findings += _flat(calm, channel, about) or _clipped(campaign, channel, about)
         findings += _coarse(campaign, channel, about)
-    return findings
-
-
-def held(campaign: Campaign) -> list[Finding]:
-    """Channels that are measured less often than they are logged: a value stands until the next one comes, its repeats
-    are no measurements."""
-    findings = []
-    for channel in campaign.channels:
-        rows: dict[str, Array] = {}
-        lengths, jumps = [np.empty(0, int)], [np.empty(0)]
-        for run in campaign.runs:
-            if channel in run.channels and len(numbers := np.flatnonzero(~np.isnan(run[channel]))) > 2:
-                starts, length = repeats_of(run[channel][numbers])
-                rows[run.name] = np.delete(numbers, starts)
-                lengths.append(length)
-                jumps.append(np.abs(np.diff(run[channel][numbers][starts])))
-        every, jump = np.concatenate(lengths), np.concatenate(jumps)
-        if len(every) < levels.FEW or np.median(every) < 2 or np.quantile(every, 0.9) > 2 * np.median(every):
-            continue
-        step = step_of(
-            np.concatenate([run.samples(channel)[1][:READINGS] for run in campaign.runs if channel in run.channels])
-        )
-        if np.median(jump) <= 3.0 * step:  # readings in steps repeat by themselves
-            continue
-        count = int(every.sum() - len(every))
-        text = (
-            f"{channel} is measured every {number(float(np.median(every)), 2)} samples and held in between: {count}"
-            " repeats are no measurements"
-        )
-        findings.append(
-            Finding(
-                "held",
-                SET_ASIDE,
-                text,
-                "",
-                channel,
-                samples=as_samples(rows),
-                size={"count": count, "every": float(np.median(every))},
-            )
-        )
     return findings
 
 
