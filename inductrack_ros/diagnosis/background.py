@@ -276,45 +276,54 @@ def dithered(problem: Problem, f: Fit) -> Fit:
 def timed(problem: Problem, f: Fit) -> Fit:
     """A fit with the times of its coloured noise and the frequency of its hum where the deviance is least."""
     for _ in range(PASSES):
-        new = f if f.lost else _timed_once(problem, f)
+        processes = f.processes if f.lost else _likeliest_times(problem, f)
+        if processes == f.processes:
+            break
+        new = fit(problem, f.structure, replace(f.point, processes=processes), REFIT_STEPS)
         if not new.deviance < f.deviance - TOLERANCE:
             break
         f = new
     return f
 
 
-def _timed_once(problem: Problem, f: Fit) -> Fit:
-    """One step of each time, by a parabola. What readings tell best of coloured noise is how it differs from one to the
-    next, so its size moves with the root of its time."""
-    plain = linearise_all(problem, f)
-    processes = f.processes
-    longest = problem.length
-    groups = [[p.on] for p in processes if p.kind == COLOURED] + [[p.on for p in processes if p.kind == HUM]]
-    kinds = [COLOURED] * (len(groups) - 1) + [HUM]
-    for kind, on in zip(kinds, groups, strict=True):
-        if not on:
-            continue
-        period = next(p.time for p in processes if p.kind == kind and p.on in on)
-        step = TIME_STEP if kind == COLOURED else TURN_STEP * period / longest
+def _likeliest_times(problem: Problem, f: Fit) -> tuple[Process, ...]:
+    """The processes with the times that are likeliest about a fit's trajectories: these are linearised once, and the
+    times go step by step."""
+    plain, processes = linearise_all(problem, f), f.processes
+    at_once = [{p.on} for p in processes if p.kind == COLOURED] + [{p.on for p in processes if p.kind == HUM}]
+    kinds = [COLOURED] * (len(at_once) - 1) + [HUM]
+    before = np.inf
+    for _ in range(PASSES):
+        here = _deviance(problem, f, plain, processes)
+        if not here < before - TOLERANCE:
+            break
+        before = here
+        for kind, on in zip(kinds, at_once, strict=True):
+            if on:
+                processes = _stepped(problem, f, plain, processes, kind, on)
+    return processes
 
-        def moved(by: float, kind=kind, on=on, processes=processes) -> tuple[Process, ...]:
-            grows = 0.5 * by if kind == COLOURED else 0.0
-            return tuple(
-                replace(p, time=p.time * np.exp(by), size=p.size * np.exp(grows))
-                if p.kind == kind and p.on in on
-                else p
-                for p in processes
-            )
 
-        low, here, high = (_deviance(problem, f, plain, moved(by)) for by in (-step, 0.0, step))
-        bend = low - 2 * here + high
-        best = 0.5 * step * (low - high) / bend if bend > 0 else step * np.sign(low - high)
-        best = float(np.clip(best, -LONGEST_STEP * step, LONGEST_STEP * step))
-        if _deviance(problem, f, plain, moved(best)) < here:
-            processes = moved(best)
-    if processes == f.processes:
-        return f
-    return fit(problem, f.structure, replace(f.point, processes=processes), REFIT_STEPS)
+def _stepped(
+    problem: Problem, f: Fit, plain: Sequence[LinearRun], processes: tuple[Process, ...], kind: str, on: set[str]
+) -> tuple[Process, ...]:
+    """One step of the time of some processes, by a parabola. What readings tell best of coloured noise is how it
+    differs from one to the next, so its size moves with the root of its time."""
+    period = next(p.time for p in processes if p.kind == kind and p.on in on)
+    step = TIME_STEP if kind == COLOURED else TURN_STEP * period / problem.length
+
+    def moved(by: float) -> tuple[Process, ...]:
+        grows = 0.5 * by if kind == COLOURED else 0.0
+        return tuple(
+            replace(p, time=p.time * np.exp(by), size=p.size * np.exp(grows)) if p.kind == kind and p.on in on else p
+            for p in processes
+        )
+
+    low, here, high = (_deviance(problem, f, plain, moved(by)) for by in (-step, 0.0, step))
+    bend = low - 2 * here + high
+    best = 0.5 * step * (low - high) / bend if bend > 0 else step * np.sign(low - high)
+    best = float(np.clip(best, -LONGEST_STEP * step, LONGEST_STEP * step))
+    return moved(best) if _deviance(problem, f, plain, moved(best)) < here else processes
 
 
 def _deviance(problem: Problem, f: Fit, plain: Sequence[LinearRun], processes: Sequence[Process]) -> float:
