@@ -25,7 +25,7 @@ from rclpy.validate_namespace import validate_namespace
 
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.nodes.ending import HELD_BACK, NO_ORPHAN
-from inductrack_ros.nodes.launching import ARGUMENTS, Started, misspelt, plan, rviz_configuration
+from inductrack_ros.nodes.launching import ARGUMENTS, Started, failed, misspelt, plan, rviz_configuration
 from launch import LaunchContext, LaunchDescription
 
 PACKAGE = "inductrack_ros"
@@ -83,8 +83,8 @@ def _node(one: Started, namespace: str, given: dict[str, str]) -> Node:
 def _after(executable: str) -> Callable[[ProcessExited, LaunchContext], list[Shutdown]]:
     """What follows the end of a process that is needed: that of the launch, with status 1 where the process failed."""
 
-    def ended(event: ProcessExited, _: LaunchContext) -> list[Shutdown]:
-        if event.returncode:
+    def ended(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
+        if failed(event.returncode, context.is_shutdown):
             raise RuntimeError(f"{executable} was required and has ended with status {event.returncode}")
         return [Shutdown(reason=f"{executable} has ended")]
 

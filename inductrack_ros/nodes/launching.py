@@ -19,6 +19,7 @@ from .runtime import NAMESPACE
 ON_OFF = ("true", "false")
 OPEN = ("", *ON_OFF)
 AS_FILE = "; empty: as params_file says"
+LOST = 255  # status that launch reports of a process whose own it has lost, see `failed`
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,14 @@ class Started:
     arguments: tuple[str, ...] = ()
     reads_file: bool = True
     needed: bool = True
+
+
+def failed(status: int, ending: bool) -> bool:
+    """Whether a process with this status failed; ``ending``: launch has told all processes to end.
+
+    Where a process ends just as launch signals it, Python before 3.12.5 can lose its status (cpython#87744): asyncio
+    then says "Unknown child process" and makes it 255, with which no node of ours ends."""
+    return status != 0 and not (ending and status == LOST)
 
 
 def misspelt(configurations: Iterable[str]) -> list[str]:
