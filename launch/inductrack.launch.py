@@ -9,12 +9,16 @@
 Everything is decided, and refused where it cannot be, before the first process starts: see
 `inductrack_ros.nodes.launching`."""
 
+import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch.events.process import ProcessExited
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler, Shutdown
+from launch.event_handlers import OnProcessStart
+from launch.events import matches_action
+from launch.events.process import ProcessExited, ProcessStarted, SignalProcess
 from launch.logging import get_logger, launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -26,7 +30,7 @@ from rclpy.validate_namespace import validate_namespace
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.nodes.ending import HELD_BACK, NO_ORPHAN
 from inductrack_ros.nodes.launching import ARGUMENTS, Started, failed, misspelt, plan, rviz_configuration
-from launch import LaunchContext, LaunchDescription
+from launch import Action, LaunchContext, LaunchDescription
 
 PACKAGE = "inductrack_ros"
 JOINING = "60"  # s that the recorder gets to join the files of its bag before launch ends it
@@ -43,8 +47,9 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*declared, OpaqueFunction(function=processes)])
 
 
-def processes(context: LaunchContext) -> list[Node]:
-    """One action for each process. Raises `InputError` before any has begun."""
+def processes(context: LaunchContext) -> list[Action]:
+    """One action for each process, and what sees to its end. Raises `InputError` before any has begun."""
+    _no_interrupts()
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     for words in misspelt(context.launch_configurations):
         get_logger("launch.user").warning(words)
@@ -52,7 +57,27 @@ def processes(context: LaunchContext) -> list[Node]:
     given["params_file"] = given["params_file"] or str(share / "config" / "default.yaml")
     namespace = _namespace(given["namespace"], context)
     nodes = [_node(one, namespace, given) for one in plan(given, namespace)]
-    return nodes + ([_rviz(share, namespace, given)] if given["rviz"] == "true" else [])
+    nodes += [_rviz(share, namespace, given)] if given["rviz"] == "true" else []
+    return [*(RegisterEventHandler(OnProcessStart(target_action=n, on_start=_too_late(n))) for n in nodes), *nodes]
+
+
+def _no_interrupts() -> None:
+    """Ctrl-C reaches launch as an event of its loop, and as a KeyboardInterrupt wherever launch happens to be. Where it
+    starts a process just then, launch knows nothing of that process and waits for its end for ever."""
+    ours = threading.current_thread() is threading.main_thread()
+    if ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, lambda *_: None)
+
+
+def _too_late(node: Node) -> Callable[[ProcessStarted, LaunchContext], list[EmitEvent]]:
+    """What follows the start of a process that the terminal's Ctrl-C came too early for: launch believes that it was
+    told, and waits."""
+
+    def started(_: ProcessStarted, context: LaunchContext) -> list[EmitEvent]:
+        tell = SignalProcess(signal_number=signal.SIGINT, process_matcher=matches_action(node))
+        return [EmitEvent(event=tell)] if context.is_shutdown else []
+
+    return started
 
 
 def _namespace(name: str, context: LaunchContext) -> str:
