@@ -49,7 +49,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def processes(context: LaunchContext) -> list[Action]:
     """One action for each process, and what sees to its end. Raises `InputError` before any has begun."""
-    _no_interrupts()
+    _keep_ctrl_c_out(context)
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     for words in misspelt(context.launch_configurations):
         get_logger("launch.user").warning(words)
@@ -57,21 +57,30 @@ def processes(context: LaunchContext) -> list[Action]:
     given["params_file"] = given["params_file"] or str(share / "config" / "default.yaml")
     namespace = _namespace(given["namespace"], context)
     nodes = [_node(one, namespace, given) for one in plan(given, namespace)]
-    nodes += [_rviz(share, namespace, given)] if given["rviz"] == "true" else []
-    return [*(RegisterEventHandler(OnProcessStart(target_action=n, on_start=_too_late(n))) for n in nodes), *nodes]
+    rviz = [_rviz(share, namespace, given)] if given["rviz"] == "true" else []
+    told = [RegisterEventHandler(OnProcessStart(target_action=n, on_start=_told(n))) for n in [*nodes, *rviz]]
+    # After the others: it would be deaf to Ctrl-C, since it does not know that this is held back.
+    last = [RegisterEventHandler(OnProcessStart(target_action=nodes[-1], on_start=rviz))] if rviz else []
+    return [*told, *last, *nodes]
 
 
-def _no_interrupts() -> None:
-    """Ctrl-C reaches launch as an event of its loop, and as a KeyboardInterrupt wherever launch happens to be. Where it
-    starts a process just then, launch knows nothing of that process and waits for its end for ever."""
+def _keep_ctrl_c_out(context: LaunchContext) -> None:
+    """Ctrl-C comes to launch by its loop, and no more as a KeyboardInterrupt wherever launch happens to be: it would know
+    nothing of a process that it starts just then, and wait for its end for ever. The nodes, which the loop starts in
+    its next turn, are born with Ctrl-C held back: `HELD_BACK` alone begins to do so after they are born."""
+
+    def hold_back() -> None:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        context.asyncio_loop.call_soon(signal.pthread_sigmask, signal.SIG_SETMASK, before)
+
+    context.asyncio_loop.call_soon(hold_back)
     ours = threading.current_thread() is threading.main_thread()
     if ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, lambda *_: None)
 
 
-def _too_late(node: Node) -> Callable[[ProcessStarted, LaunchContext], list[EmitEvent]]:
-    """What follows the start of a process that the terminal's Ctrl-C came too early for: launch believes that it was
-    told, and waits."""
+def _told(node: Node) -> Callable[[ProcessStarted, LaunchContext], list[EmitEvent]]:
+    """What follows the start of a process that the terminal's Ctrl-C came too early for: launch takes it for told."""
 
     def started(_: ProcessStarted, context: LaunchContext) -> list[EmitEvent]:
         tell = SignalProcess(signal_number=signal.SIGINT, process_matcher=matches_action(node))

@@ -8,7 +8,6 @@ An argument that is left empty leaves the matter to the parameter file.
 from __future__ import annotations
 
 import json
-import signal
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -73,10 +72,9 @@ class Started:
 def failed(status: int, ending: bool) -> bool:
     """Whether a process with this status failed; ``ending``: launch has told all processes to end.
 
-    Two of them mean nothing then. A process that Ctrl-C meets before it is `HELD_BACK` has not begun and ends with -2.
-    And where a process ends just as launch signals it, Python before 3.12.5 can lose its status (cpython#87744):
-    asyncio then says "Unknown child process" and makes it 255, with which no node of ours ends."""
-    return status != 0 and not (ending and status in (LOST, -signal.SIGINT))
+    Where a process ends just as launch signals it, Python before 3.12.5 can lose its status (cpython#87744): asyncio
+    then says "Unknown child process" and makes it 255, with which no node of ours ends."""
+    return status != 0 and not (ending and status == LOST)
 
 
 def misspelt(configurations: Iterable[str]) -> list[str]:
