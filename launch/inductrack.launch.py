@@ -65,7 +65,7 @@ def processes(context: LaunchContext) -> list[Action]:
 
 
 def _keep_ctrl_c_out(context: LaunchContext) -> None:
-    """Ctrl-C comes to launch by its loop, and no more as a KeyboardInterrupt wherever launch happens to be: it would know
+    """Ctrl-C comes to launch by its loop, no more as a KeyboardInterrupt wherever launch happens to be: it would know
     nothing of a process that it starts just then, and wait for its end for ever. The nodes, which the loop starts in
     its next turn, are born with Ctrl-C held back: `HELD_BACK` alone begins to do so after they are born."""
 
