@@ -8,10 +8,13 @@ It sees every pose, fires each coil as the cradle passes it, and holds 15 m/s by
 missing. It uses the true pose and speed; yours would use what it can measure.
 """
 
+import signal
+
 import rclpy
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import UInt64MultiArray
 
 COIL_SPACING = 0.05  # m, half a wavelength
@@ -19,7 +22,7 @@ PULSE_LENGTH = 600e-6  # s
 LEAD = 0.006  # s: command a pulse so long before it begins; a message takes about 1 ms
 SPEED = 15.0  # m/s
 
-rclpy.init()
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # its own raise an exception, at times inside C++
 node = rclpy.create_node("my_controller", namespace="inductrack")
 drive_pulses = node.create_publisher(PointStamped, "drive_pulses", 1000)
 done = node.create_publisher(UInt64MultiArray, "lockstep/done", 1000)
@@ -57,7 +60,11 @@ def take_pose(message):
 
 node.create_subscription(TwistStamped, "twist", take_twist, 1000)
 node.create_subscription(PoseStamped, "pose", take_pose, 1000)
-try:
-    rclpy.spin(node)
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass
+asked = []  # signals to stop: Ctrl-C, or SIGTERM from a launch
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, lambda *which: asked.append(which))
+executor = SingleThreadedExecutor()
+executor.add_node(node)
+while not asked:
+    executor.spin_once(timeout_sec=0.1)
+rclpy.try_shutdown()
