@@ -2,6 +2,7 @@
 """The look at the data: what sensors, loggers and clocks do to a run that is otherwise good."""
 
 import html
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -440,6 +441,42 @@ def test_units_of_a_bag_are_not_written_in_a_header(tmp_path, rig, model):
     assert found.channel == "heave" and "publish it so" in found.remedy and "header" not in found.remedy
 
 
+def test_a_unit_that_the_header_gives_wrongly_is_named(pose, model):
+    """Metres below a header that says mm."""
+    short = changed(pose, "heave", lambda y: 1e-3 * y)
+    short = replace(short, runs=tuple(replace(r, converted={"heave": "mm"}) for r in short.runs))
+    (found,) = impossible(look(short, model))
+    assert (found.kind, found.channel) == ("unit", "heave") and found.size["factor"] == 1e3
+    assert "the header says 'mm'" in found.remedy and "km" not in found.remedy
+
+
+def test_a_stamp_whose_fractions_are_in_another_unit_is_named(tmp_path, rig, model):
+    """Microseconds in nanosec: a thousand times as fast."""
+    columns = dict(zip(STATES, rig.runs[1].values.T, strict=True))
+    write_bag(tmp_path / "b", 1e-3 * rig.runs[1].times, columns)
+    (found,) = impossible(look(replace(rig, runs=(replace(read_bag(tmp_path / "b"), drive_current=5000.0),)), model))
+    assert "does nanosec hold microseconds" in found.remedy and "column" not in found.remedy
+
+
+def test_a_time_that_counts_samples_is_named(pose, model):
+    counted = replace(pose, runs=tuple(replace(r, times=np.arange(301.0), stamps=np.arange(301.0)) for r in pose.runs))
+    (found,) = impossible(look(counted, model))
+    assert found.kind == "time_unit" and "does it count the samples?" in found.remedy
+
+
+def test_channels_of_runs_of_their_own_are_not_held_against_each_other(everything, model):
+    """A coordinate in one run, its rate in another."""
+
+    def only(run, channels):
+        return replace(run, channels=channels, values=np.column_stack([run[c] for c in channels]))
+
+    a, b, _ = everything.runs
+    apart = replace(everything, runs=(only(a, POSE), only(b, ("surge_rate", "heave_rate"))))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not impossible(look(apart, model))
+
+
 def test_the_page_shows_jumps_and_two_courses(pose, model):
     """What a sentence says a picture shows: the clock over the samples, the second course beside the first."""
     ahead = np.where(np.arange(301) < 150, 0.0, 3600.0)
@@ -635,6 +672,109 @@ def test_a_cradle_that_waits_for_its_pulses_is_no_rest(pose, model):
     pulses = Pulses(np.array([0.5]), np.array([3]), np.array([7000.0]))
     waiting = replace(held(pose, 250), runs=tuple(replace(r, pulses=pulses) for r in held(pose, 250).runs))
     assert not [f for f in look(waiting, model) if f.kind == "rest"]
+
+
+# ---------------------------------------------------------------- behind a run's end
+
+
+def stopped(campaign, force, count=60, step=2e-3):
+    """Its runs go on into a catcher that slows the cradle down by ``force`` (m/s², infinite: at once), and ``count``
+    samples more."""
+
+    def one(run):
+        rng, last = np.random.default_rng(ord(run.name)), run.values[-1]
+        speed = (run["surge"][-1] - run["surge"][-21]) / (20 * step)
+        stop = speed / force
+        t = np.arange(1, count + round(stop / step)) * step
+        end = np.repeat(last[None], len(t), axis=0)
+        end[:, 0] += speed * np.minimum(t, stop) - 0.5 * np.minimum(t, stop) ** 2 * (force if stop else 0.0)
+        end += [NOISE[c] for c in run.channels] * rng.standard_normal(end.shape)
+        times = np.concatenate([run.times, run.times[-1] + t])
+        return replace(run, times=times, stamps=times, values=np.concatenate([run.values, end]))
+
+    return replace(campaign, runs=tuple(map(one, campaign.runs)))
+
+
+@pytest.mark.parametrize("force", [100.0, 400.0, np.inf])
+def test_a_run_ends_where_the_cradle_is_caught(force, pose, model):
+    used, findings = admit(stopped(pose, force), model)
+    (found,) = [f for f in findings if f.kind == "rest"]
+    assert found.severity == SET_ASIDE and "stands still to its end" in found.text
+    for mine, clean in zip(used.runs, pose.runs, strict=True):
+        assert len(clean.times) - 10 < len(mine.times) <= len(clean.times) + 2
+
+
+def test_a_cradle_that_comes_to_rest_by_itself_was_not_caught(pose, model):
+    """Evenly; as the drag of magnets takes its speed; and as it does below the speed at which they lift it."""
+    times = np.arange(1501) * 2e-3
+    noise = 5e-4 * np.random.default_rng(3).standard_normal(len(times))
+    left = np.maximum(1.5 - times, 0.0)
+    for travel in (-6.0 * left**2, -10.0 * left**1.5, 2.0 * (1.0 - np.exp(-times / 0.15))):
+        values = np.column_stack([travel + noise, *(noise * k for k in (0.06, 0.06, 0.2))])
+        run = replace(pose.runs[0], times=times, stamps=times, values=values)
+        assert not [f for f in look(replace(pose, runs=(run,)), model) if f.kind == "rest"]
+
+
+# ---------------------------------------------------------------- channels that were computed
+
+
+def with_computed(campaign, compute):
+    """Its runs with rates that are ``compute`` of each coordinate and the times."""
+
+    def one(run):
+        rates = np.column_stack([compute(run[c], run.times) for c in POSE])
+        channels = (*POSE, *(f"{c}_rate" for c in POSE))
+        return replace(run, channels=channels, values=np.concatenate([run.values, rates], axis=1))
+
+    return replace(campaign, runs=tuple(map(one, campaign.runs)))
+
+
+@pytest.mark.parametrize(
+    "compute",
+    [
+        np.gradient,
+        lambda x, t: np.diff(x, prepend=x[0]) / np.diff(t, prepend=-t[1]),
+        lambda x, t: np.convolve(np.gradient(x, t), np.ones(5) / 5, "same"),
+    ],
+)
+def test_a_rate_that_is_computed_is_no_measurement(compute, pose, model):
+    used, findings = admit(with_computed(pose, compute), model)
+    found = [f for f in findings if f.kind == "computed"]
+    assert [f.channel for f in found] == [f"{c}_rate" for c in POSE] and {f.severity for f in found} == {SET_ASIDE}
+    assert found[0].text.startswith("surge_rate is computed from surge:")
+    assert all(run.channels == POSE for run in used.runs)
+
+
+def test_an_acceleration_that_is_computed_of_a_rate_in_one_run_is_left_out_there(everything, model):
+    runs = list(everything.runs)
+    run = runs[1]
+    values = run.values.copy()
+    values[:, run.channels.index("sway_acceleration")] = np.gradient(run["sway_rate"], run.times)
+    runs[1] = replace(run, values=values)
+    used, findings = admit(replace(everything, runs=tuple(runs)), model)
+    (found,) = [f for f in findings if f.kind == "computed"]
+    assert found.text.startswith("sway_acceleration is computed from sway_rate in b:")
+    assert ["sway_acceleration" in run.channels for run in used.runs] == [True, False, True]
+
+
+@pytest.mark.parametrize("step", [2e-3, 0.02])
+def test_exact_rates_of_a_simulation_are_not_computed_of_its_coordinates(step, model):
+    """What holds no noise is alike by its physics."""
+    channels = tuple(c for c in CHANNELS if c != "coil_current")
+    rig = flown([(7000.0, {"surge_rate": 17.0, "sway": 3e-3}), (0.0, {"surge_rate": 24.0})], channels, 301, step)
+    exact = [
+        replace(
+            r,
+            values=np.column_stack(
+                [model.simulate(r.times, model.initial_state(**s), c, further=True)[x] for x in channels]
+            ),
+        )
+        for r, (c, s) in zip(
+            rig.runs, [(7000.0, {"surge_rate": 17.0, "sway": 3e-3}), (0.0, {"surge_rate": 24.0})], strict=True
+        )
+    ]
+    for campaign in (rig, replace(rig, runs=tuple(exact), noise_std={})):
+        assert not [f for f in look(campaign, model) if f.kind == "computed"]
 
 
 # ---------------------------------------------------------------- the drive

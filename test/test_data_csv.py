@@ -140,7 +140,7 @@ BROKEN = {
     ),
     "exponent of Fortran": ("time,heave\n0,1\n1,1.0D-03\n", "'1.0D-03' is not a number; write its exponent with E"),
     "numbers for a header": ("0.0,1.0,track\n0.1,1.0,track\n", "row 1: holds numbers and no names; put a row above it"),
-    "underscore": ("time,heave\n0,1\n1,1_000\n", "'1_000' is not a number"),
+    "underscore": ("time,heave\n0,1\n1,1_000\n", "'1_000' has thousands separators"),
     "infinite": ("time,heave\n0,1\n1,inf\n", "row 3, column 'heave': infinite"),
     "too large": ("time,heave\n0,1\n1,1e999\n", "row 3, column 'heave': infinite"),
     "infinite time": ("time,heave\n0,1\ninf,2\n", "row 3, column 'time': infinite"),

@@ -161,6 +161,11 @@ def test_units(unit, si, factor):
     assert units.factor(unit, si) == (None if factor is None else pytest.approx(factor, rel=1e-12))
 
 
+def test_an_abbreviated_unit_may_end_with_a_point(tmp_path):
+    run = read(tmp_path, PLAIN.replace("time", "Time (msec.)"))
+    assert run.times == pytest.approx([0.0, 1e-4, 2.5e-4]) and run.notes == ("converted to SI: time from msec",)
+
+
 def test_a_unit_of_something_else_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"row 1: column 'heave' is in 's', which is no unit known for it; convert it to m"

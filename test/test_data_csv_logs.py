@@ -49,6 +49,37 @@ def test_what_stands_behind_the_data_is_left_out_and_said(tmp_path, plain, kind)
     assert len(run.notes) == 1 and re.match(note, run.notes[0])
 
 
+def test_a_summary_that_is_named_in_a_column_that_is_left_out(tmp_path, plain):
+    """A last sample that bears such a name is later than the one before it, and a sample."""
+    rows = PLAIN.splitlines()
+    head, data = f"{rows[0]},mark", [f"{row}," for row in rows[1:]]
+    behind = ["0.12,1.0,-0.004,Mean", "0.25,1.5,-0.003,Max of all"]
+    run = read(tmp_path, "\n".join([head, *data, *behind, ""]))
+    assert np.array_equal(run.values, plain.values, equal_nan=True)
+    assert run.notes == ("2 rows behind the data left out: 'Mean', 'Max of all'", "column left out: 'mark'")[::-1]
+    run = read(tmp_path, "\n".join([head, *data[:-1], f"{data[-1]}end", ""]))
+    assert len(run.times) == 3
+
+
+@pytest.mark.parametrize(
+    ("cell", "remedy"),
+    [
+        ("(0.004)", "write it as -0.004"),
+        ("0.004-", "write it as -0.004"),
+        ("34_415.6", "thousands separators; export the numbers without"),
+    ],
+)
+def test_a_number_in_other_signs_says_how_it_is_written(tmp_path, cell, remedy):
+    with pytest.raises(InputError, match=f"row 3, column 'heave': .*{remedy}"):
+        read(tmp_path, PLAIN.replace("-0.004", cell))
+
+
+def test_times_that_are_all_one_are_named(tmp_path):
+    """As a spreadsheet shows milliseconds since 1970."""
+    with pytest.raises(InputError, match="all have one and the same \\(too few digits"):
+        read(tmp_path, "time [ms],heave\n1.76E+12,0.1\n1.76E+12,0.2\n1.76E+12,0.3\n")
+
+
 def test_a_bad_time_in_the_last_row_is_no_summary(tmp_path):
     with pytest.raises(InputError, match="row 5, column 'time': 'abc' is not a number; correct it or delete the row"):
         read(tmp_path, PLAIN + "abc,0.1,-0.004\n")

@@ -70,6 +70,8 @@ def _endless(run: Run, usual: float) -> Finding:
     text = f"{run.file.name}: time is in seconds: this run would last {lasting} with a sample every {usual:.4g} s"
     right = "" if usual >= levels.LONGEST_STEP else "; if it is right, name it 'time [s]'"
     remedy = f"if it was written in {unit}, name its column 'time [{unit}]'{right}"
+    if (np.diff(run.stamps) == 1).all():
+        remedy = f"does it count the samples? Then multiply it by the seconds from one to the next; {remedy}"
     return Finding(
         "time_unit",
         IMPOSSIBLE,

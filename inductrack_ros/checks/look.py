@@ -14,6 +14,7 @@ from ..core.state import ACCELERATIONS, COORDINATES, RATES
 from ..data import Campaign, Run
 from . import levels
 from .clocks import clocks
+from .computed import computed
 from .copies import copies
 from .drive import lost_pulses
 from .excitation import excitation, held_still, too_few
@@ -77,7 +78,7 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     calm = campaign if touch is None else touch.calm(campaign)
     found += (flat := sensors(campaign, calm, channels, model))
     campaign, calm = set_aside(campaign, flat), set_aside(calm, flat)
-    found += too_few(campaign, model) + (kept := held_still(campaign, channels, model))
+    found += computed(campaign, channels) + too_few(campaign, model) + (kept := held_still(campaign, channels, model))
     found += noises(calm, channels) + noises_apart(calm) + jitter(campaign, channels)
     found += stated(campaign, channels, model) + pairs(campaign, calm, channels) + excitation(campaign, channels)
     if model is not None and not any(
@@ -136,7 +137,8 @@ def admit(campaign: Campaign, model: Model) -> tuple[Campaign, tuple[Finding, ..
 
 
 def _without(run: Run, findings: list[Finding]) -> Run:
-    """A run without what findings leave out of it: cells where they name a channel, else whole samples."""
+    """A run without what findings leave out of it: cells where they name a channel, or the channel, else whole
+    samples."""
     mine = [f for f in findings if run.name in f.samples]
     if not mine:
         return run
@@ -148,12 +150,14 @@ def _without(run: Run, findings: list[Finding]) -> Run:
             kept[rows] = False
         elif finding.channel in run.channels:
             values[rows, run.channels.index(finding.channel)] = np.nan
+    held = [c not in {f.channel for f in mine if f.kind == "computed"} for c in run.channels]
     start = run.times[kept][0]
     pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
     inputs = {name: (times - start, readings) for name, (times, readings) in run.inputs.items()}
-    samples = {"values": values[kept], "times": run.times[kept] - start, "stamps": run.stamps[kept]}
+    samples = {"values": values[kept][:, held], "times": run.times[kept] - start, "stamps": run.stamps[kept]}
     numbers = None if run.numbers is None else run.numbers[kept]
-    return replace(run, **samples, numbers=numbers, pulses=pulses, inputs=inputs)
+    channels = tuple(c for c, stays in zip(run.channels, held, strict=True) if stays)
+    return replace(run, channels=channels, **samples, numbers=numbers, pulses=pulses, inputs=inputs)
 
 
 def _causes_only(findings: list[Finding]) -> list[Finding]:
@@ -171,6 +175,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     jumped = {f.channel for f in findings if f.kind == "value_jump"}
     apart = {f.channel for f in impossible(findings) if "runs" in f.size}
     late = any(f.kind == "time_jitter" for f in findings)
+    sums = {f.channel for f in findings if f.kind == "computed"}
     flips = [f for f in findings if f.kind == "axis_flipped" and "candidates" in f.size]
     swapped = {(run, *sorted(f.size["candidates"])) for f in flips for run in f.size.get("runs", ())}
     kept = []
@@ -188,6 +193,7 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
             or (f.kind == "zero" and f.channel in ACCELERATIONS and (in_g or inverted))
             or (turned and (f.kind == "time_jitter" or f.channel in RATES))
             or (f.kind in ("offset", "hum", "coloured_noise") and (time or whole in units or f.channel in jumped))
+            or (f.kind in ("offset", "hum", "coloured_noise", "noise_differs") and f.channel in sums)
         )
         if not explained:
             kept.append(f)

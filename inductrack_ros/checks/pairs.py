@@ -154,6 +154,8 @@ def _foreign(
     """A rate that has nothing in common with its coordinate, though both stand clear of their noise: perhaps another's
     rate. The same of an acceleration, ``order`` 2, of which vibration that no pose shows is no fault."""
     runs = [r for r in campaign.runs if coordinate in r.channels and rate in r.channels]
+    if not runs:  # each is measured in runs of its own
+        return []
     step = float(np.median([np.median(np.diff(r.times)) for r in runs]))
     best, clear = 0.0, False
     for span in SPANS:

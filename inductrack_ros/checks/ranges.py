@@ -12,7 +12,7 @@ from ..core.state import GAPS
 from ..data import Campaign
 from . import levels
 from .balance import misfits, stops, total
-from .finding import IMPOSSIBLE, Finding, number
+from .finding import IMPOSSIBLE, Finding, number, of_a_bag
 from .room import extent_of, mean_speeds, room_of
 from .saying import unit_finding
 from .turned import turned
@@ -122,6 +122,8 @@ def _too_fast(campaign: Campaign, speed: float, windows: Windows | None, model: 
     if reading.time == 1.0:
         return reading, unit_finding(campaign, "surge", text, factor, unit, size)
     remedy = f"time seems to be in {unit}; name its column 'time [{unit}]', or multiply it by {reading.time:g}"
+    if all(map(of_a_bag, campaign.runs)):
+        remedy = "look at the header stamps: does nanosec hold microseconds or milliseconds?"
     return reading, Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": factor})
 
 

@@ -71,6 +71,13 @@ def unit_finding(
     campaign: Campaign, channel: str, text: str, factor: float, unit: str, size: Mapping[str, object]
 ) -> Finding:
     """A channel that is in another unit, and is to be multiplied by ``factor``."""
+    stated = {run.converted[channel] for run in campaign.runs if channel in run.converted}
+    if stated:
+        remedy = (
+            f"the header says '{' or '.join(sorted(stated))}', from which it was converted: are the numbers in another"
+            f" unit? Converted, they are {number(1 / factor)} times as large as they should be"
+        )
+        return Finding("unit", IMPOSSIBLE, text, remedy, channel, size={**size, "factor": factor})
     header = f"write '{channel} [{SHORT.get(unit, unit)}]' in the header"
     where = "publish it so" if all(map(of_a_bag, campaign.runs)) else header
     remedy = f"it seems to be in {unit}; {channel} is in {si_unit(channel)}: multiply it by {factor:.4g}, or {where}"

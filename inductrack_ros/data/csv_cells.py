@@ -28,7 +28,7 @@ SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENT = re.compile(r"\s*(#|%|//)")
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 #: A number of which the thousands are separated.
-_GROUPED = re.compile(r"[+-]?\d{1,3}([.,' ’]\d{3})+([.,]\d*)?")
+_GROUPED = re.compile(r"[+-]?\d{1,3}([.,' ’_]\d{3})+([.,]\d*)?")
 _MONTHS = "jan|feb|mar|apr|may|mai|jun|jul|aug|sep|oct|okt|nov|dec|dez"
 #: The beginning of a date or a time of day.
 _DATE = re.compile(

@@ -36,7 +36,10 @@ def _remedy(cell: str, column: Column, decimal: str) -> str:
     """What to do about a cell that is no number."""
     if number(re.sub("[dD]", "e", cell), decimal) is not None:
         return "write its exponent with E"
-    with_unit = re.fullmatch(r"([-+0-9.,eE]*\d)\s*([^\W\d]\S*|[%°])", cell)
+    below = re.fullmatch(r"\(([^-]+)\)|([^-]+)-", cell)
+    if below and number(below[1] or below[2], decimal) is not None:
+        return f"write it as -{below[1] or below[2]}"
+    with_unit = re.fullmatch(r"([-+0-9.,eE]*\d)\s*([^\W\d_]\S*|[%°])", cell)
     if with_unit and number(with_unit[1], decimal) is not None:
         name = column.name if column.name in CHANNELS or column.name == TIME else column.header
         return f"write the unit into the header, '{name} [{with_unit[2]}]', and only numbers below"
@@ -79,6 +82,7 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
         stamps=stamps,
         numbers=numbers,
         seconds_stated=bool(table.time.unit) or table.dated,
+        converted={c.name: c.unit for c in layout.columns if c.name in channels and c.factor != 1.0},
         inputs={n.removeprefix(INPUT): (times[~np.isnan(c)], c[~np.isnan(c)]) for n, c in columns.items()},
         notes=tuple(notes),
     )

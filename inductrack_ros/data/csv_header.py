@@ -201,7 +201,7 @@ def parts(header: str) -> tuple[str, str]:
     )
     if match is None:
         return header, ""
-    return match[1], next((g for g in match.groups()[1:] if g is not None), "").strip("()[] ")
+    return match[1], next((g for g in match.groups()[1:] if g is not None), "").strip("()[] ").rstrip(".")
 
 
 def plain(name: str) -> str:

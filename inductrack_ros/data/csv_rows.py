@@ -56,6 +56,7 @@ def _without_tail(body: bytes, layout: Layout, notes: list[str]) -> bytes:
     summary."""
     time = next(c.place for c in layout.columns if c.name == TIME)
     separator = "\t" if layout.separator == " " else layout.separator
+    used = {c.place for c in layout.columns}
     left: list[str] = []
     end = len(body)
     for _ in range(TAIL):
@@ -64,6 +65,11 @@ def _without_tail(body: bytes, layout: Layout, notes: list[str]) -> bytes:
         line = whole[start:].decode(errors="replace")
         cells = split(line, separator)
         cell = cells[time] if time < len(cells) else ""
+        name = _summary(cells, used) if start else ""
+        if name and _no_later(cell, body[:start], time, separator, layout.decimal, used):
+            left.append(name)
+            end = start
+            continue
         if not start or number(cell, layout.decimal) is not None or number(cell) is not None or is_time(cell):
             break
         words = [c for c in cells if re.search(r"[^\W\d]", c)]
@@ -78,6 +84,25 @@ def _without_tail(body: bytes, layout: Layout, notes: list[str]) -> bytes:
     said = ", ".join(shown(cell) for cell in left[:-4:-1])
     notes.append(f"{len(left)} row{'' if len(left) == 1 else 's'} behind the data left out: {said}")
     return body[:end]
+
+
+def _summary(cells: list[str], used: set[int]) -> str:
+    """What a row of numbers is called in a column that is not read, where that is a summary's name; else nothing."""
+    words = [c for i, c in enumerate(cells) if i not in used and re.search(r"[^\W\d]", c)]
+    first = re.match(r"[^\W\d_]+", words[0]) if len(words) == 1 else None
+    return words[0] if first and first[0].lower() in SUMMARIES else ""
+
+
+def _no_later(cell: str, above: bytes, time: int, separator: str, decimal: str, used: set[int]) -> bool:
+    """Whether the time in a row is a number no later than that of the nearest row above it that is no summary."""
+    here, there = number(cell, decimal), None
+    for _ in range(TAIL):
+        above, _, line = above.rstrip(b"\n").rpartition(b"\n")
+        cells = split(line.decode(errors="replace"), separator)
+        if not _summary(cells, used):
+            there = number(cells[time], decimal) if time < len(cells) else None
+            break
+    return here is not None and there is not None and here <= there
 
 
 def _without_blanks(body: bytes, separator: bytes = b"") -> bytes:

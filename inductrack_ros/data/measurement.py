@@ -34,6 +34,7 @@ class Run:
     - numbers: (n,) where each sample stands in its file, from 1: the row as an editor counts (CSV), or the message on
       the pose's topic (bag); None where samples are of several topics, or of no file
     - seconds_stated: whether the file itself says that its time is in seconds: a bag, or a unit in a CSV's header
+    - converted: by channel, the unit that a CSV's header gives it, where it is not SI's
     - inputs: what else was measured in time, by the name a model or an effect calls it: times (m,) s on the run's
       clock, values (m,)
     - conditions: numbers of this run: one with a model parameter's name takes its place, others are there for effects
@@ -52,6 +53,7 @@ class Run:
     pulse_counts: Array | None = None
     numbers: NDArray[np.integer] | None = None
     seconds_stated: bool = False
+    converted: Mapping[str, str] = field(default_factory=dict)
     inputs: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     conditions: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -105,6 +105,8 @@ def _why_the_same(stamps: Array | NDArray[np.int64], same: int, second: float, p
     """The cause and the remedy where many samples share their stamps (n,); ``same``: how many do with one before."""
     if 2 * same < len(stamps):
         return ""
+    if same == len(stamps) - 1:
+        return "all have one and the same (too few digits?); give each its own time"
     if not (stamps % second).any():
         return "all are whole seconds: write the fractions too (of a header stamp, nanosec)"
     each = len(stamps) / (len(stamps) - same)
