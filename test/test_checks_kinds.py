@@ -715,6 +715,13 @@ def test_a_cradle_that_comes_to_rest_by_itself_was_not_caught(pose, model):
         assert not [f for f in look(replace(pose, runs=(run,)), model) if f.kind == "rest"]
 
 
+def test_a_cradle_that_stops_on_the_track_was_not_caught(pose, model):
+    """Friction may stop it there, and is a force that can be missing."""
+    gap = model.parameters["nominal_gap"]
+    low = changed(stopped(pose, 400.0), "heave", lambda y: y - gap * (np.arange(len(y)) > len(y) - 110))
+    assert not [f for f in look(low, model) if f.kind == "rest"]
+
+
 # ---------------------------------------------------------------- channels that were computed
 
 

@@ -53,7 +53,7 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign = set_aside(campaign, found)
     found += (undriven := lost_pulses(campaign))
     campaign = set_aside(campaign, undriven)
-    found += (before := rest(campaign))
+    found += (before := rest(campaign, touch))
     campaign = set_aside(campaign, before)
     found += (again := repeats(campaign))
     campaign = set_aside(campaign, again)

@@ -7,12 +7,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..core.state import GAPS
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
 from .finding import SET_ASIDE, Finding, as_samples, shared, spot
 from .local import deviations, spread
 from .noise_found import step_of
+from .touch import Touch
 
 #: Samples that are looked at for where the cradle stands, and that are away from there in a row once it moves.
 STANDS = 3
@@ -21,11 +23,11 @@ STANDS = 3
 HELD = 4.0
 
 
-def rest(campaign: Campaign) -> list[Finding]:
+def rest(campaign: Campaign, touch: Touch | None) -> list[Finding]:
     """Findings where runs stand still before they move, and where they are brought to rest and stay there. Where the
-    drive changes in time, that is what may let them go."""
+    drive changes in time, that is what may let them go; where they touch the track, its friction may stop them."""
     held = {run.name: np.arange(_held(run)) for run in campaign.runs if not run.pulses and not run.inputs}
-    caught = {run.name: np.arange(len(run.times) - _caught(run), len(run.times)) for run in campaign.runs}
+    caught = {run.name: np.arange(len(run.times) - _caught(run, touch), len(run.times)) for run in campaign.runs}
     return [*_before(campaign, as_samples(held)), *_behind(campaign, as_samples(caught))]
 
 
@@ -67,9 +69,11 @@ def _held(run: Run) -> int:
     return 0 if stood is None else int(np.searchsorted(run.times, times[stood[0] - 1] - stood[1]))
 
 
-def _caught(run: Run) -> int:
+def _caught(run: Run, touch: Touch | None) -> int:
     """How many samples of a run were taken after the cradle was caught: it stands, looked at backwards as at the
-    beginning, and was slowed down much harder than ever before."""
+    beginning, and was slowed down much harder than ever before, while it was clear of the track."""
+    if touch is None or touch.gaps and not {"heave", *GAPS} & {*run.channels}:
+        return 0
     times, values, channel = _travel(run)
     stood = _stood(run.times[-1] - times[::-1], values[::-1], channel)
     if stood is None:
@@ -78,7 +82,9 @@ def _caught(run: Run) -> int:
     if not np.nanmax(np.ptp(run.values[run.times >= times[last]], axis=0), initial=0.0):
         return 0  # a logger that hangs
     begins = _braked(times[: last + 1], values[: last + 1], channel)
-    return 0 if begins is None else int(np.count_nonzero(run.times >= begins))
+    if begins is None or touch.near(run)[np.searchsorted(run.times, begins)]:
+        return 0
+    return int(np.count_nonzero(run.times >= begins))
 
 
 def _braked(times: Array, values: Array, channel: str) -> float | None:
@@ -92,7 +98,7 @@ def _braked(times: Array, values: Array, channel: str) -> float | None:
     left = times[-1] - middle + 1e-9
     k = int(np.argmax(speeds**2 / left))  # a steady force makes it the largest where it sets in
     first = max(min(int(np.searchsorted(middle, middle[k] - left[k])), k - 2 * STANDS), 0)
-    if k - first < STANDS or speeds[k] < levels.MOVING:
+    if k < levels.FEW or k - first < STANDS or speeds[k] < levels.MOVING:  # so few samples tell of no usual drag
         return None
     lost = abs(float(np.median(speeds[first : first + STANDS])) - speeds[k])
     before = lost / (middle[k] - middle[first])

@@ -238,8 +238,9 @@ class Problem:
         return part
 
     def for_runs(self, task: Callable[[int], object]) -> list:
-        """``task(i)`` for every run, on the machine's threads, results in order."""
-        return self.threads.map(task, range(len(self.runs)))
+        """``task(i)`` for every run, on the machine's threads, results in order. A trial that leads beyond all numbers
+        is no matter for a warning: its deviance is infinite."""
+        return self.threads.map(np.errstate(all="ignore")(task), range(len(self.runs)))
 
     def vectors(self, structure: Structure, i: int, thetas: np.ndarray) -> np.ndarray:
         """Kernel parameter vectors (j, p) of run i for each row of thetas (j, g)."""
