@@ -58,6 +58,17 @@ def test_a_unit_is_no_one_runs_where_most_others_move_as_none_explains(unlike, t
     assert bool(impossible(of_some(pose, [], alone, lambda finding: True))) == told
 
 
+@pytest.mark.parametrize(("unit", "size"), [("mm", 1e-3), ("cm", 1e-2), ("in", 0.0254)])
+def test_lengths_that_are_all_in_one_unit_are_read_together(unit, size, pose, model):
+    """Each alone would be in mm, while the others are still wrong."""
+    written = replace(pose, noise_std={})
+    for channel in ("surge", "sway", "heave"):
+        written = changed(written, channel, lambda y: y / size)
+    found = impossible(look(written, model))
+    assert {f.channel for f in found} == {"surge", "sway", "heave"}
+    assert all(f.remedy.endswith(f"'{f.channel} [{unit}]' in the header") for f in found)
+
+
 # ---------------------------------------------------------------- channels that changed places
 
 

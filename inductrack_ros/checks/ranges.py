@@ -37,7 +37,27 @@ def by_range(campaign: Campaign, model: Model, windows: Windows | None) -> tuple
             found += _negative(campaign, channel, model)
         now, outside = _outside(campaign, channel, room, model, windows, now)
         found += outside
-    return now, found
+    return (now, found) if windows is None else _in_one_unit(campaign, windows, model, now, found)
+
+
+def _in_one_unit(
+    campaign: Campaign, windows: Windows, model: Model, now: Reading, found: list[Finding]
+) -> tuple[Reading, list[Finding]]:
+    """The same with one unit for all lengths that are out of their range, where they then belong better. Each was read
+    while the others were still wrong."""
+    wrong = {f.channel: f for f in found if f.kind == "unit" and f.channel not in (None, "roll") and "factor" in f.size}
+    if len(wrong) < 2:
+        return now, found
+
+    def read(factor: float) -> Reading:
+        return replace(now, channels={**now.channels, **dict.fromkeys(wrong, factor)})
+
+    left = {unit: total(misfits(windows, model, read(factor)), windows.values) for factor, unit in LENGTHS}
+    factor, unit = min(LENGTHS, key=lambda way: left[way[1]])
+    if left[unit] >= total(misfits(windows, model, now), windows.values):
+        return now, found
+    again = {c: unit_finding(campaign, c, f.text, factor, unit, f.size) for c, f in wrong.items()}
+    return read(factor), [again.get(f.channel, f) for f in found]
 
 
 def _outside(
