@@ -65,9 +65,11 @@ def processes(context: LaunchContext) -> list[Action]:
 
 
 def _keep_ctrl_c_out(context: LaunchContext) -> None:
-    """Ctrl-C comes to launch by its loop, no more as a KeyboardInterrupt wherever launch happens to be: it would know
-    nothing of a process that it starts just then, and wait for its end for ever. The nodes, which the loop starts in
-    its next turn, are born with Ctrl-C held back: `HELD_BACK` alone begins to do so after they are born."""
+    """Ctrl-C comes to launch by its loop, no more as a KeyboardInterrupt wherever launch happens to be.
+
+    After such an exception launch would know nothing of a process that it was starting, and wait for its end for ever.
+    The nodes, which the loop starts in its next turn, are born with Ctrl-C held back. `HELD_BACK` alone begins to do so
+    after they are born."""
 
     def hold_back() -> None:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])

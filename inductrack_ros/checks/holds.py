@@ -56,7 +56,7 @@ def held(campaign: Campaign) -> list[Finding]:
     findings = []
     for channel in campaign.channels:
         series = [s for run in campaign.runs if channel in run.channels and (s := _series(run, channel)) is not None]
-        if sum(len(s.starts) for s in series) < levels.FEW:
+        if sum(len(s.starts) for s in series) < levels.FEW or not any((s.lengths > 1).any() for s in series):
             continue
         step = step_of(np.concatenate([s.values[:READINGS] for s in series]))
         findings += _evenly(channel, series, step) or _now_and_then(channel, series, step, len(campaign.channels))

@@ -70,8 +70,10 @@ def _held(run: Run) -> int:
 
 
 def _caught(run: Run, touch: Touch | None) -> int:
-    """How many samples of a run were taken after the cradle was caught: it stands, looked at backwards as at the
-    beginning, and was slowed down much harder than ever before, while it was clear of the track."""
+    """How many samples of a run were taken after the cradle was caught.
+
+    It stands, looked at backwards as at the beginning. Before that it was slowed down much harder than ever before,
+    while it was clear of the track."""
     if touch is None or touch.gaps and not {"heave", *GAPS} & {*run.channels}:
         return 0
     times, values, channel = _travel(run)

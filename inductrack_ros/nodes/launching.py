@@ -72,8 +72,8 @@ class Started:
 def failed(status: int, ending: bool) -> bool:
     """Whether a process with this status failed; ``ending``: launch has told all processes to end.
 
-    Where a process ends just as launch signals it, Python before 3.12.5 can lose its status (cpython#87744): asyncio
-    then says "Unknown child process" and makes it 255, with which no node of ours ends."""
+    Where a process ends just as launch signals it, Python before 3.12.5 can lose its status (cpython#87744). asyncio
+    then says "Unknown child process" and makes it 255. No node of ours ends with that."""
     return status != 0 and not (ending and status == LOST)
 
 
