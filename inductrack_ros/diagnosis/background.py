@@ -32,7 +32,7 @@ from ..estimation.processes import (
     rounding,
 )
 from ..estimation.scores import Background
-from ..estimation.shooting import Fit, fit, linearise_all
+from ..estimation.shooting import ANEW, Fit, first_power, fit, linearise_all
 from .humming import humming
 from .settings import LEVEL, REFIT_STEPS
 
@@ -202,13 +202,24 @@ def families(
 
 
 def backgrounds(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[LinearRun]) -> list[Background]:
-    """The fit's own background, and that without each kind of its processes, settled: physics may do what they seem
-    to."""
-    found = [Background(f.power, f.processes, price(problem, given, f.processes))]
-    for kind in dict.fromkeys(p.kind for p in f.processes if optional(p, given)):
-        fewer = tuple(p for p in f.processes if p.kind != kind)
-        s = settle(problem, f.structure, plain, Point(f.theta, f.paths, f.power, fewer), PASSES)
-        found.append(Background(s.power, s.processes, price(problem, given, s.processes)))
+    """The background of a fit, and of each `quieter` one."""
+    fits = quieter(problem, f, given, plain)
+    return [Background(x.power, x.processes, price(problem, given, x.processes)) for x in fits]
+
+
+def quieter(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[LinearRun]) -> list[Fit]:
+    """A fit, then that without each kind of its processes and without any: physics may do what one of them seems to do,
+    or several together.
+
+    The disturbances are settled along the trajectories of the fit, which stay."""
+    kinds = list(dict.fromkeys(p.kind for p in f.processes if optional(p, given)))
+    left_out = [{k} for k in kinds] + ([set(kinds)] if len(kinds) > 1 else [])
+    power = np.maximum(f.power, ANEW * first_power(problem, f.structure, f.point)) if kinds else f.power
+    found = [f]
+    for out in left_out:
+        fewer = tuple(p for p in f.processes if p.kind not in out or not optional(p, given))
+        s = settle(problem, f.structure, plain, Point(f.theta, f.paths, power, fewer), PASSES)
+        found.append(replace(f, power=s.power, processes=s.processes, deviance=s.evidence.deviance))
     return found
 
 

@@ -17,7 +17,7 @@ from ..estimation import fit as end_to_end
 from ..estimation.kalman import LinearRun
 from ..estimation.likelihood import NO_POWER, Point, weigh
 from ..estimation.problem import Problem
-from ..estimation.processes import HUM, augmented
+from ..estimation.processes import augmented
 from ..estimation.shooting import ANEW, FLOWN_STEPS, Fit, exactly, first_power, fit, linearise_all
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
@@ -364,18 +364,6 @@ def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:
         "closed": {n: cost for n, cost in state.closed.items() if n != name},
     }
     return replace(state, fit=new, price=price, **left)
-
-
-def without_hum(task: Task, state: State) -> State:
-    """The state without hums, refitted from at least the share `ANEW` of the first power; the state itself where none
-    hums."""
-    f = state.fit
-    kept = tuple(p for p in f.processes if p.kind != HUM)
-    if len(kept) == len(f.processes):
-        return state
-    power = np.maximum(f.power, ANEW * first_power(task.problem, f.structure, f.point))
-    point = replace(f.point, power=power, processes=kept)
-    return replace(state, fit=fit(task.problem, f.structure, point, REFIT_STEPS)).told("without the hum")
 
 
 def surely_needed(task: Task, state: State, name: str) -> bool:

@@ -16,9 +16,9 @@ import numpy as np
 from ..estimation.likelihood import TOLERANCE, Lost
 from ..estimation.shooting import linearise_all
 from . import background
-from .belonging import odd_run
 from .beside import add_beside
 from .closed import add_closed
+from .forces import best_force, promised
 from .leads import best_lead
 from .moves import (
     OutOfTime,
@@ -27,21 +27,17 @@ from .moves import (
     all_refitted,
     exact_ones,
     last_screened,
-    law_price,
     rivals,
     screened,
     settled,
     shaken,
-    smoothed_anew,
     surely_needed,
     taken_exactly,
-    with_law,
     without,
-    without_hum,
 )
 from .pairs import add_pair
-from .screening import CandidateSet, Law, Screening, laws
-from .settings import FORCES_REFITTED, MOST_EFFECTS, MOST_REFITTED, NEAR, REFITTED, ROUNDS, TWINS
+from .screening import CandidateSet, Screening
+from .settings import MOST_EFFECTS, MOST_REFITTED, NEAR, REFITTED, ROUNDS, TWINS
 
 #: Findings of the look at the data that are effects of the catalogue.
 EFFECT_SEEN = {"saturated": "sensor_saturation"}
@@ -162,17 +158,17 @@ def add_known(task: Task, state: State) -> State:
         return replace(state.told(f"more would pay, but {MOST_EFFECTS} effects are the most that are sought"), far=True)
     seen = seen_before(task, screening)
     near = closest(screening) if pays else []
-    if pays and (exact := exact_ones(task, state, [*near, *(s for s in seen if s not in near)], screening.family)):
-        return add_background(task, exact[0])  # what is read during a contact counts too: no cost compares with these
+    exact = exact_ones(task, state, [*near, *(s for s in seen if s not in near)], screening.family) if pays else []
+    # What is read during a contact counts too where contact is exact: no cost compares with one without that.
+    if exact and (not state.fit.exact or exact[0].cost(task) < state.cost(task)):
+        return add_background(task, exact[0])
     tried = [best_kept(task, state, screening)] if pays else []
     tried += [settled(task, t) for t in all_refitted(task, state, seen, screening.family)]
-    tables = laws(task.problem, state.fit, systems, lacking) if lacking and not state.stands_in else []
-    if tables and tables[0].gain > law_price():
-        least = min((s.cost(task) for s in tried), default=screening.scores.plain)
-        if screening.scores.plain - tables[0].gain + law_price() < least + NEAR:
-            if (forced := best_force(task, state, tables)).odd:
-                return forced
-            tried.append(forced)
+    forces = promised(task, state, systems) if lacking and not state.stands_in else []
+    if forces and forces[0].cost < min((s.cost(task) for s in tried), default=state.cost(task)) + NEAR:
+        if (forced := best_force(task, state, forces)).odd:
+            return forced
+        tried.append(forced)
     if not tried:
         return state.told("no known effect explains more than chance would")
     found = plainest(task, tried)
@@ -223,15 +219,6 @@ def _smallest_first(
     return found
 
 
-def best_force(task: Task, state: State, tables: Sequence[Law]) -> State:
-    """The cheapest of the forces of any shape that gain most, when refitted and as smooth as the refit says; none while
-    a run is there that does not belong."""
-    if odd := odd_run(task, state):
-        return replace(state, odd=odd)
-    near = [law for law in tables if law.gain > max(law_price(), tables[0].gain - NEAR)][:FORCES_REFITTED]
-    return min((smoothed_anew(task, with_law(task, state, law)) for law in near), key=lambda s: s.cost(task))
-
-
 def seen_before(task: Task, screening: Screening) -> list[CandidateSet]:
     """The single effects that the look at the data saw: they are tried whatever first order says of them."""
     seen = {f"{EFFECT_SEEN[h.kind]}:{h.channel}" for h in task.hints if h.kind in EFFECT_SEEN}
@@ -255,25 +242,19 @@ def promising(screening: Screening, plain: float) -> list[CandidateSet]:
 
 
 def add_unknown(task: Task, state: State) -> State:
-    """Add a force of any shape where one is still missing; a force that comes and goes in time may have passed for a
-    hum of the sensors."""
+    """Add a force of any shape where one is still missing."""
     if state.stands_in:
         return state
-    found, log = state, state.log
-    bare = without_hum(task, state)
-    for start in [state] if bare is state else [state, bare]:
-        systems = linearise_all(task.problem, start.fit)
-        tables = laws(task.problem, start.fit, systems, shaken(task, start, systems))
-        if not tables or tables[0].gain < law_price():
-            log = (*log, "no force of any shape is missing")
-            continue
-        new = best_force(task, start, tables)
-        if new.odd:
-            return new
-        if new.cost(task) < found.cost(task):
-            found = new
-        log = (*log, f"a force in {tables[0].acts_on} on {tables[0].variable} promises more than it keeps")
-    return replace(state, log=log) if found is state else add_background(task, found)
+    forces = promised(task, state, linearise_all(task.problem, state.fit))
+    if not forces:
+        return state.told("no force of any shape is missing")
+    found = best_force(task, state, forces)
+    if found.odd:
+        return found
+    if found.cost(task) < state.cost(task):
+        return add_background(task, found)
+    law = forces[0].law
+    return state.told(f"a force in {law.acts_on} on {law.variable} promises more than it keeps")
 
 
 def prune(task: Task, state: State) -> State:
