@@ -25,7 +25,7 @@ from inductrack_ros.diagnosis.laws.propose import propose_laws
 from inductrack_ros.diagnosis.laws.words import quantity
 from inductrack_ros.diagnosis.moves import State, Task, law_price, with_law
 from inductrack_ros.diagnosis.screening import laws
-from inductrack_ros.diagnosis.settings import TWINS
+from inductrack_ros.diagnosis.settings import FINE, MEDIUM, TWINS
 from inductrack_ros.diagnosis.smooth import WEIGHTS, _turns, smoothest_of
 from inductrack_ros.estimation.shooting import linearise_all
 from inductrack_ros.estimation.structure import Smoothness
@@ -54,6 +54,7 @@ LAWS = [
     ("sway", "sway_rate", (-0.3, 0.3), "saturation", {"force": -3.0, "width": 0.03}),
     ("roll", "sway", (-4e-3, 4e-3), "dead_zone", {"slope": 900.0, "clearance": 1.5e-3}),
     ("thrust", "surge", (0, 20), "sine", {"force": 0.04, "wavelength": 3.0, "phase": 1.0}),
+    ("surge", "surge", (0, 46), "sine", {"force": 4.0, "wavelength": 1.3, "phase": 1.0}),  # 35 waves: slots, joints
 ]
 
 
@@ -61,7 +62,9 @@ LAWS = [
 def test_the_right_form_is_found_with_its_parameters(acts_on, variable, covered, name, truth):
     u = np.random.default_rng(1).uniform(*covered, SAMPLES)
     force = FORM[name].value(u, truth)
-    of_table = table(acts_on, variable, u, force, 0.3 * np.std(force), 60 if variable in ("surge", "time") else 24)
+    of_table = table(
+        acts_on, variable, u, force, 0.3 * np.std(force), FINE if variable in ("surge", "time") else MEDIUM
+    )
     found = likely(fitted(of_table, SAMPLES), TWINS)
     assert name in [f.form.name for f in found] and len(found) <= 3
     mine = next(f for f in found if f.form.name == name)
@@ -155,7 +158,7 @@ def test_the_written_effect_is_the_law(form, tmp_path):
     for variable in form.on:
         acts_on = "thrust" if form in forms_on(variable, "thrust") and variable != "drive" else "sway"
         r = Range(0.0, 20.0) if variable in ("surge", "time", "surge_rate", "drive") else Range(-4e-3, 5e-3)
-        values = {t.size: 2.0 for t in form.terms} | {s.name: float(r.starts(s.kind)[3]) for s in form.shapes}
+        values = {t.size: 2.0 for t in form.terms} | {s.name: float(r.starts(s.kind)[2]) for s in form.shapes}
         law = Written(form, acts_on, variable, values, r, "In words.")
         (tmp_path / "laws.py").write_text(module_text([law], "Proposed."), encoding="utf-8")
         spec = importlib.util.spec_from_file_location("laws_written", tmp_path / "laws.py")

@@ -17,9 +17,12 @@ import numpy as np
 
 from ...core.effects.stand_in import VARIABLES
 from ..factor import Factor
+from ..settings import FINE
 
 #: No value of an expression is taken for larger than this.
 LARGEST = 1e60
+#: Waves over the range of the data at the most: the finest table has three intervals to each.
+MOST_WAVES = FINE // 3
 #: How the variables are grouped by what forms make sense on them.
 ALONG = ("surge", "time")
 SIGNED = ("sway", "heave", "roll", "sway_rate", "heave_rate", "roll_rate")
@@ -384,7 +387,7 @@ class Range:
             "power": (0.05, 8.0),
             "length": (max(L / 30, self.far / 60), 10 * self.far),
             "signed length": (-10 * self.far, 10 * self.far),
-            "wavelength": (L / 40, 4 * L),
+            "wavelength": (L / MOST_WAVES, 4 * L),
             "phase": (-10.0, 10.0),
         }[kind]
 
@@ -399,8 +402,8 @@ class Range:
             "power": np.array([0.3, 0.6, 1.3, 1.7, 2.4, 3.5, 5.0]),
             "length": lengths,
             "signed length": np.concatenate([-lengths[::-1], lengths]),
-            "wavelength": 1.0 / np.linspace(1 / (3 * L), 20 / L, 60),
-            "phase": np.array([-2.0, -1.0, 0.0, 1.0, 2.0, 3.0]),
+            "wavelength": L / np.linspace(1 / 3, MOST_WAVES, 3 * MOST_WAVES),
+            "phase": np.pi * np.array([0.0, 1 / 3, 2 / 3]),  # the size has both signs
         }[kind]
 
 
