@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A general expression search on the table of an unknown force: Operon's genetic programming (`pyoperon`).
 
-It searches sums, products, quotients, squares, absolute values, exp, sin and tanh, with constants that
-Levenberg-Marquardt polishes in each expression; a corner is made of absolute values (its `fmax` gives the smaller of
-two in version 0.6.2). Its two aims are the part explained and the length. The points that it
-is given lie on the diagnosis's smooth curve, densest where the curve is known best, for it takes no weights.
+Two searches: one among sums, products, quotients, squares and absolute values, one with exp, sin and tanh too.
+Levenberg-Marquardt polishes the constants of each expression. A corner is made of absolute values, for `fmax` gives the
+smaller of two in version 0.6.2. The two aims are the part explained and the length. The points that a search is given
+lie on the diagnosis's smooth curve, densest where the curve is known best, for it takes no weights.
 
-What helps it: each expression of its front has its constants refitted to what the data say of the table, with full
+What helps it: each expression of both fronts has its constants refitted to what the data say of the table, with full
 covariance, and BIC then chooses; constants that do the same count as one. What hurts it: the smooth curve rounds
 corners and jumps, and the search begins from that."""
 
@@ -23,9 +23,12 @@ from inductrack_ros.diagnosis.laws.forms import Form, Shape, Term
 
 from .laws import Formula, Statement
 
-SYMBOLS = "add,sub,mul,div,square,abs,exp,sin,tanh,constant,variable"
-#: Points that the search sees; longest expression; population and generations (some three seconds).
-POINTS, LENGTH, POPULATION, GENERATIONS = 160, 24, 500, 120
+#: What expressions are made of: in one search all, in another what is algebraic, whose simple ones the first may lose.
+SYMBOLS = (
+    "add,sub,mul,div,square,abs,exp,sin,tanh,constant,variable", "add,sub,mul,div,square,abs,constant,variable"
+)  # fmt: skip
+#: Points that a search sees; longest expression; population and generations (both searches take some three seconds).
+POINTS, LENGTH, POPULATION, GENERATIONS = 160, 24, 500, 60
 #: Steps that polish an expression's constants, and evaluations of the refit to the table.
 STEPS, REFIT = 5, 60
 #: Constants whose columns are parallel within this do the same.
@@ -36,17 +39,19 @@ _CALLED = {"exp": "math.exp", "sin": "math.sin", "tanh": "math.tanh", "abs": "ab
 
 def propose(statement: Statement) -> Formula:
     """The expression of the front with the lowest BIC after a refit to the table."""
-    table, far = statement.table, statement.table.range.far
+    far = statement.table.range.far
     density = np.cumsum(1.0 / np.maximum(statement.std, 1e-3 * statement.std.max()) ** 2)
     u = np.interp(np.linspace(density[0], density[-1], POINTS), density, statement.at)
     force = np.interp(u, statement.at, statement.force)
     size = float(np.std(force)) or 1.0
-    search = SymbolicRegressor(
-        allowed_symbols=SYMBOLS, objectives=["r2", "length"], optimizer_iterations=STEPS, max_length=LENGTH,
-        population_size=POPULATION, generations=GENERATIONS, epsilon=1e-9, random_state=0, n_threads=1,
-    )  # fmt: skip
-    search.fit((u / far)[:, None], force / size)
-    texts = {search.get_model_string(one["tree"], precision=12) for one in search.pareto_front_}
+    texts: set[str] = set()
+    for symbols in SYMBOLS:
+        search = SymbolicRegressor(
+            allowed_symbols=symbols, objectives=["r2", "length"], optimizer_iterations=STEPS, max_length=LENGTH,
+            population_size=POPULATION, generations=GENERATIONS, epsilon=1e-9, random_state=0, n_threads=1,
+        )  # fmt: skip
+        search.fit((u / far)[:, None], force / size)
+        texts |= {search.get_model_string(one["tree"], precision=12) for one in search.pareto_front_}
     whole = [Expression.of(text, far, size) for text in sorted(texts)]
     found = [refitted(statement, one) for e in whole for one in (e, e.without_offset) if one is not None]
     return min(found, key=lambda f: f[0])[1]

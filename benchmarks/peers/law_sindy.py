@@ -6,7 +6,7 @@ a few wavelengths. They are regressed on what the data say of the table, as inde
 weighting by its full covariance.
 
 What helps it: besides the few b and wavelengths of any library, those that explain most of this table are offered (for
-one parameter more each). `STLSQ` runs at many thresholds and ridges, `SSR` and `FROLS` run too, and of all sets of
+one parameter more each). `STLSQ` runs on the whole library and on smaller ones, at many thresholds and ridges; `SSR` and `FROLS` run too, and of all sets of
 terms that any of them goes through BIC chooses, with sizes by plain least squares. What hurts it: a library has no
 bump, step, corner or free power, so such a force is a sum of what there is."""
 
@@ -45,7 +45,7 @@ def propose(statement: Statement) -> Formula:
     library = library_of(table)
     names, X, scale = laid(table, library)
     y, best = table.wanted, (np.inf, ())
-    for chosen in supports(X, y):
+    for chosen in set().union(*(supports(X, y, part) for part in parts(names))):
         sizes = np.linalg.lstsq(X[:, chosen], y, rcond=1e-10)[0]
         price = sum(library[names[k]] for k in chosen) * np.log(statement.samples)
         cost = statement.misfit(X[:, chosen], sizes) + price
@@ -109,20 +109,31 @@ def _name(expression: str) -> Callable:
     return lambda _: expression
 
 
-def supports(X: np.ndarray, y: np.ndarray) -> set[tuple[int, ...]]:
-    """Sets of columns (d, k) that PySINDy's optimisers choose or go through."""
-    found: set[tuple[int, ...]] = {()}
-    most = min(MOST, X.shape[1] - 1, len(y) - 1)
+def parts(names: list[str]) -> list[list[int]]:
+    """The columns of plain functions alone, with exponentials, with waves, and all: a careful user tries the small
+    libraries too."""
+    exponential, wave = (["math.exp" in n for n in names], ["math.sin" in n or "math.cos" in n for n in names])
+    without = ((True, True), (False, True), (True, False), (False, False))
+    return [
+        [k for k in range(len(names)) if not (no_exp and exponential[k]) and not (no_wave and wave[k])]
+        for no_exp, no_wave in without
+    ]
+
+
+def supports(X: np.ndarray, y: np.ndarray, part: list[int]) -> set[tuple[int, ...]]:
+    """Sets of columns (d, k), of a part of them, that PySINDy's optimisers choose or go through."""
+    found: set[tuple[int, ...]] = {(), *((k,) for k in part)}
+    most = min(MOST, len(part) - 1, len(y) - 1)
     if most < 1:
-        return {tuple(range(X.shape[1]))}
+        return found
     optimisers = [STLSQ(threshold=t, alpha=a, max_iter=50) for t in THRESHOLDS for a in RIDGES]
-    optimisers += [o(**{"alpha": 1e-8, "max_iter": n}) for o, n in ((FROLS, most), (SSR, X.shape[1] - 1))]
+    optimisers += [FROLS(alpha=1e-8, max_iter=most), SSR(alpha=1e-8, max_iter=len(part) - 1)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of near-twins, and of thresholds that leave nothing
         for optimiser in optimisers:
-            optimiser.fit(X, y)
+            optimiser.fit(X[:, part], y)
             for coefficients in optimiser.history_:
-                chosen = tuple(int(k) for k in np.flatnonzero(np.ravel(coefficients)))
+                chosen = tuple(part[k] for k in np.flatnonzero(np.ravel(coefficients)))
                 if len(chosen) <= most:
                     found.add(chosen)
     return found

@@ -90,16 +90,16 @@ def table(rows: Sequence[Row], title: str) -> list[str]:
         return []
     lines = [[title, *HEAD[1:]], ["---"] * len(HEAD)]
     for name in rows[0]:
-        given = [a for row in rows if (a := row[name]) is not None]
-        right = [a.right for a in given if a.right is not None]
+        here = [a for row in rows if (a := row[name]) is not None]
+        right = [a.right for a in here if a.right is not None]
         lines.append(
             [
                 name,
-                f"{len(given)} of {len(rows)}",
+                f"{len(here)} of {len(rows)}",
                 f"{sum(right)} of {len(rows)}" if right else "",
-                *(_percent(float(np.median(x))) if given else "" for x in ([a.off for a in given], [a.beyond for a in given])),
-                f"{np.median([a.terms for a in given]):.0f}" if given and given[0].terms else "",
-                f"{np.median([a.cpu for a in given]):.1f} / {max(a.cpu for a in given):.1f}" if given else "",
+                *(_percent(float(np.median(x))) if x else "" for x in ([a.off for a in here], [a.beyond for a in here])),
+                f"{np.median([a.terms for a in here]):.0f}" if here and here[0].terms else "",
+                f"{np.median([a.cpu for a in here]):.1f} / {max(a.cpu for a in here):.1f}" if here else "",
             ]
         )  # fmt: skip
     return [f"| {' | '.join(x)} |" for x in lines]
