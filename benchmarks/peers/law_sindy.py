@@ -6,9 +6,9 @@ a few wavelengths. They are regressed on what the data say of the table, as inde
 weighting by its full covariance.
 
 What helps it: besides the few b and wavelengths of any library, those that explain most of this table are offered (for
-one parameter more each). `STLSQ` runs on the whole library and on smaller ones, at many thresholds and ridges; `SSR` and `FROLS` run too, and of all sets of
-terms that any of them goes through BIC chooses, with sizes by plain least squares. What hurts it: a library has no
-bump, step, corner or free power, so such a force is a sum of what there is."""
+one parameter more each). `STLSQ` runs on the whole library and on smaller ones, at many thresholds and ridges. `SSR`
+and `FROLS` run too. Of all sets of terms that any of them goes through BIC chooses, with sizes by plain least squares.
+What hurts it: a library has no bump, step, corner or free power, so such a force is a sum of what there is."""
 
 from __future__ import annotations
 

@@ -97,12 +97,16 @@ def table(rows: Sequence[Row], title: str) -> list[str]:
                 name,
                 f"{len(here)} of {len(rows)}",
                 f"{sum(right)} of {len(rows)}" if right else "",
-                *(_percent(float(np.median(x))) if x else "" for x in ([a.off for a in here], [a.beyond for a in here])),
+                *(_median([getattr(a, what) for a in here]) for what in ("off", "beyond")),
                 f"{np.median([a.terms for a in here]):.0f}" if here and here[0].terms else "",
                 f"{np.median([a.cpu for a in here]):.1f} / {max(a.cpu for a in here):.1f}" if here else "",
             ]
         )  # fmt: skip
     return [f"| {' | '.join(x)} |" for x in lines]
+
+
+def _median(parts: list[float]) -> str:
+    return _percent(float(np.median(parts))) if parts else ""
 
 
 def _percent(part: float) -> str:
