@@ -72,7 +72,7 @@ setup(
         "ament": ["ros-ament-flake8==0.17.3", "ros-ament-pep257==0.17.3", "flake8", "pydocstyle"],
         "docs": ["sphinx>=8,<9", "myst-parser", "furo"],
         "cluster": ["dask[distributed]"],
-        "benchmark": ["pysindy>=2.1", "scikit-sundae", "matplotlib"],
+        "benchmark": ["pysindy>=2.1", "pyoperon>=0.6", "scikit-sundae", "matplotlib"],
     },
     zip_safe=True,
     entry_points={

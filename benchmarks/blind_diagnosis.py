@@ -8,6 +8,7 @@ library.
     python benchmarks/blind_diagnosis.py --kind dirty_complete --seed 32001   # nothing is missing: false alarms
     python benchmarks/blind_diagnosis.py --kind dirty --dirt shaken --dirt spikes --campaigns 5
     python benchmarks/blind_diagnosis.py --kind law --seed 41001              # an unknown force by a law that is drawn
+    python benchmarks/blind_diagnosis.py --kind law --seed 41001 --peers      # other tools on the same tables
     python benchmarks/blind_diagnosis.py --kind loop --seed 33001             # flown by this package's own controller
     python benchmarks/blind_diagnosis.py --peers | --perturb | --whole   # other tools; other last bits; all effects
 
@@ -15,7 +16,8 @@ Prints each campaign as it is done. Then, for ideal, dirty and loop campaigns: h
 findings told of those expected, the coverage of the 95 % intervals and the processor time; how often each effect was
 found beside the power of an ideal test; the confusion of verdicts; the error on runs never seen; of laws, what
 docs/laws.md tells. With ``--peers`` the
-same campaigns are put to what users of other tools would do (`peers`), judged alike. With ``--perturb`` each diagnosis
+same campaigns are put to what users of other tools would do (`peers`), judged alike; where a law is
+hidden, to what they would make of the table that the diagnosis found (`peers.laws`). With ``--perturb`` each diagnosis
 is made again of readings changed by 1e-12 of themselves."""
 
 from __future__ import annotations
@@ -69,7 +71,9 @@ def arguments() -> argparse.Namespace:
         help="the effects of November 2026 are among those hidden, runs on warm and cold days",
     )
     parser.add_argument(
-        "--peers", action="store_true", help="PySINDy's weak form and a stepwise BIC on the same campaigns too"
+        "--peers",
+        action="store_true",
+        help="PySINDy's weak form and a stepwise BIC on the same campaigns too; of laws, formulas by other tools",
     )
     parser.add_argument(
         "--perturb", action="store_true", help="each diagnosis again of data changed by 1e-12 of themselves"
@@ -100,6 +104,10 @@ def report(given: argparse.Namespace, found: Iterable[dict]) -> None:
                 f" {answer['cpu']:.0f} s",
                 flush=True,
             )
+        for name, answer in row.get("law_peers", {}).items():
+            right = {True: "right form", False: "OTHER FORM", None: "no form of the list"}[answer["right"]]
+            error = f", unseen {answer['error']:.3g}" if answer.get("error") is not None else ""
+            print(f"     {name}: {right}{error}; {answer['text'][:250]}", flush=True)
         if given.output:
             given.output.parent.mkdir(parents=True, exist_ok=True)
             given.output.write_text(json.dumps(rows, indent=1, default=str))

@@ -3,22 +3,32 @@
 fits give them.
 
     python benchmarks/laws.py --tables 400 --seed 1
+    python benchmarks/laws.py --tables 120 --seed 1 --peers    # other tools on the same tables, side by side
 
 Each table is made of samples of a force along runs (where the variable dwells as runs do, with gaps), noise, and a
 smoothness chosen by evidence as in a diagnosis. Laws are drawn from the list and from outside it. Printed: how often
 the right law is in the set that the data cannot tell apart, how large that set is, how often a law is claimed where the
 truth is outside the list, and how often parameters lie in their 95 % intervals. No simulation is run, so this measures
-the choice among forms alone."""
+the choice among forms alone.
+
+With ``--peers`` the same statements are put to PySINDy and to a general expression search (`peers.laws`). Each answer
+is held against the true law by `peers.law_judge`: the package's is the first law of its set."""
 
 from __future__ import annotations
 
 import argparse
 import collections
+import time
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
+from peers import laws
+from peers.law_judge import Force
+from peers.law_versus import CURVE, MINE, Answer, Row, asked, judged, line, table
 
 from inductrack_ros.core.effects.stand_in import basis, over, parameters
-from inductrack_ros.diagnosis.laws.fitting import Table, fitted, likely
+from inductrack_ros.diagnosis.laws.fitting import Fitted, Table, fitted, likely
 from inductrack_ros.diagnosis.laws.forms import ALONG, Form, Range, forms_on
 from inductrack_ros.diagnosis.settings import FINE, MEDIUM, TWINS
 from inductrack_ros.diagnosis.smooth import smoothest_of
@@ -51,7 +61,7 @@ def drawn_shape(rng, form: Form, r: Range) -> dict[str, float]:
 
 
 def inside(rng, variable: str, u: np.ndarray, r: Range):
-    """A law of the list: its form, force at u, and parameters at a scale of one."""
+    """A law of the list: its form, and parameters at a scale of one over samples at u."""
     form = rng.choice([f for f in forms_on(variable, "heave") if f.name != "constant"])
     shape = drawn_shape(rng, form, r)
     columns = form.columns(u, list(shape.values()))
@@ -59,42 +69,57 @@ def inside(rng, variable: str, u: np.ndarray, r: Range):
         t.size: float(rng.choice([-1, 1]) * rng.uniform(0.6, 1.4) / np.sqrt(np.mean(c**2)))
         for t, c in zip(form.terms, columns, strict=True)
     }
-    return form, form.value(u, {**sizes, **shape}), {**sizes, **shape}
+    return form, {**sizes, **shape}
 
 
-def outside(rng, u: np.ndarray, r: Range):
-    """A force that no form of the list is."""
-    x = (u - r.low) / r.length
+def outside(rng, r: Range):
+    """A force that no form of the list is: what it is called, and the force as a function of u."""
     a, b, c = rng.uniform(0.2, 0.8), rng.uniform(0.05, 0.15), rng.uniform(2, 5)
+
+    def two_bumps():
+        less = rng.uniform(0.4, 1)
+        return lambda x: np.exp(-(((x - 0.4 * a) / b) ** 2)) - less * np.exp(-(((x - 0.5 - 0.5 * a) / b) ** 2))
+
+    def quintic():
+        sizes = rng.standard_normal(6) * [0, 0.3, 0.6, 1, 1, 1]
+        return lambda x: np.polynomial.chebyshev.chebval(2 * x - 1, sizes)
+
+    def rough():
+        waves = [(rng.standard_normal() / k, np.pi * k, rng.uniform(0, 6)) for k in range(1, 9)]
+        return lambda x: sum(size * np.sin(k * x + phase) for size, k, phase in waves)
+
     shapes = {
-        "two bumps": lambda: (
-            np.exp(-(((x - 0.4 * a) / b) ** 2)) - rng.uniform(0.4, 1) * np.exp(-(((x - 0.5 - 0.5 * a) / b) ** 2))
-        ),
-        "damped sine": lambda: np.exp(-3 * x) * np.sin(2 * np.pi * c * x),
-        "chirp": lambda: np.sin(2 * np.pi * (x + c * x**2)),
-        "sawtooth": lambda: (c * x) % 1.0,
-        "bipolar": lambda: (x - a) / b * np.exp(-(((x - a) / b) ** 2)),
-        "plateau": lambda: np.tanh((x - 0.3 * a) / 0.03) - np.tanh((x - 0.3 * a - 0.4) / 0.03),
-        "quintic": lambda: np.polynomial.chebyshev.chebval(2 * x - 1, rng.standard_normal(6) * [0, 0.3, 0.6, 1, 1, 1]),
-        "rough": lambda: sum(
-            rng.standard_normal() * np.sin(np.pi * k * x + rng.uniform(0, 6)) / k for k in range(1, 9)
-        ),
+        "two bumps": two_bumps,
+        "damped sine": lambda: lambda x: np.exp(-3 * x) * np.sin(2 * np.pi * c * x),
+        "chirp": lambda: lambda x: np.sin(2 * np.pi * (x + c * x**2)),
+        "sawtooth": lambda: lambda x: (c * x) % 1.0,
+        "bipolar": lambda: lambda x: (x - a) / b * np.exp(-(((x - a) / b) ** 2)),
+        "plateau": lambda: lambda x: np.tanh((x - 0.3 * a) / 0.03) - np.tanh((x - 0.3 * a - 0.4) / 0.03),
+        "quintic": quintic,
+        "rough": rough,
     }
     name = str(rng.choice(list(shapes)))
-    return name, shapes[name]()
+    shape = shapes[name]()
+    return name, lambda u: shape((u - r.low) / r.length)
 
 
-def table_of(rng, variable: str, r: Range, u: np.ndarray, force: np.ndarray, noise: float) -> Table:
-    """What samples of the force say of its table, of the size that a diagnosis would choose."""
+def told(rng, variable: str, r: Range, u: np.ndarray, force: np.ndarray, noise: float) -> tuple[laws.Statement, Force]:
+    """What samples of the force say of its table, of the size that a diagnosis would choose, and its smooth curve."""
     y = force + noise * rng.standard_normal(len(u))
     found = []
     for intervals in (MEDIUM, FINE) if variable in ALONG else (MEDIUM,):
-        low, step, count = over(r.low, r.low + r.length, intervals)
-        B = basis(u, low, step, count)
+        about = over(r.low, r.low + r.length, intervals)
+        B = basis(u, *about)
         gram, score = B.T @ B / noise**2, B.T @ y / noise**2
-        promise = smoothest_of(gram, score, len(u), variable in ALONG).promise
-        found.append((promise, Table.of("heave", parameters(variable, low, step), gram, score)))
-    return max(found, key=lambda f: f[0])[1]
+        found.append((smoothest_of(gram, score, len(u), variable in ALONG), about, gram, score))
+    smooth, (low, step, count), gram, score = max(found, key=lambda f: f[0].promise)
+    table = Table.of("heave", parameters(variable, low, step), gram, score)
+    known = gram + smooth.smoothness.weight * smooth.smoothness.bending(count)
+    known += np.eye(count) * np.trace(gram) / count / len(u)  # what `smoothest_of` takes for known before the data
+    shapes = basis(table.u, low, step, count)
+    std = np.sqrt(np.einsum("ij,ji->i", shapes, np.linalg.solve(known, shapes.T)))
+    statement = laws.Statement(table, table.u, shapes @ smooth.values, std, len(u))
+    return statement, lambda u: basis(u, low, step, count) @ smooth.values
 
 
 def samples_of(rng, variable: str, r: Range, n: int) -> np.ndarray:
@@ -107,12 +132,27 @@ def samples_of(rng, variable: str, r: Range, n: int) -> np.ndarray:
     return np.sort(u)
 
 
+def first(found: Sequence[Fitted], cpu: float) -> Answer | None:
+    """The package's answer: the first law of its set, if any."""
+    if not found:
+        return None
+    form, values = found[0].form, found[0].parameters
+    return Answer(partial(form.value, parameters=values), len(form.terms), form.name, cpu)
+
+
+def scaled(law: Force, scale: float) -> Force:
+    """The law times a scale."""
+    return lambda u: scale * law(u)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tables", type=int, default=400)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--misses", action="store_true", help="print every law that was missed or wrongly claimed")
+    parser.add_argument("--peers", action="store_true", help="PySINDy and an expression search on the same tables too")
     given = parser.parse_args()
+    rows: dict[bool, list[Row]] = {True: [], False: []}
     rng = np.random.default_rng(given.seed)
     counts, sets, covered, missed = collections.Counter(), [], [], collections.Counter()
     for k in range(given.tables):
@@ -122,12 +162,23 @@ def main() -> None:
         n = int(rng.integers(1000, 8000))
         u = samples_of(rng, variable, r, n)
         of_list = k % 2 == 0
-        what, force, truth = inside(rng, variable, u, r) if of_list else (*outside(rng, u, r), {})
-        scale = 1.0 / np.std(force)
+        if of_list:
+            what, truth = inside(rng, variable, u, r)
+            law = partial(what.value, parameters=truth)
+        else:
+            (what, law), truth = outside(rng, r), {}
+        scale = 1.0 / np.std(law(u))
         signal = float(np.exp(rng.uniform(np.log(15.0), np.log(300.0))))  # over noise, all samples together
-        force, noise = force * scale, np.sqrt(n) / signal
-        fits = fitted(table_of(rng, variable, r, u, force, noise), n)
+        statement, curve = told(rng, variable, r, u, law(u) * scale, np.sqrt(n) / signal)
+        began = time.process_time()
+        fits = fitted(statement.table, n)
         found = likely(fits, TWINS)
+        if given.peers:
+            cpu = time.process_time() - began
+            answers = {CURVE: Answer(curve, 0, "", 0.0), MINE: first(found, cpu), **asked(statement)}
+            row = judged(answers, scaled(law, scale), what if of_list else None, variable, r)
+            rows[of_list].append(row)
+            print(f"{k + 1}: {what.name if of_list else what} on {variable}\n{line(row)}", flush=True)
         if of_list:
             counts["inside"] += 1
             mine = next((f for f in found if f.form.name == what.name), None)
@@ -162,6 +213,9 @@ def main() -> None:
     )
     for (truth, said), times in missed.most_common():
         print(f"  {truth}: {said}, {times}")
+    for of_list, title in ((True, "laws of the list"), (False, "laws outside the list")):
+        if lines := table(rows[of_list], title):
+            print("\n" + "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from inductrack_ros.core.model import Model
 from inductrack_ros.data import Campaign, load_campaign
 from inductrack_ros.diagnosis.diagnose import diagnose
 
-from . import loop
+from . import law_peers, loop
 from .judge import heldout_error, judge, judge_findings, off
 from .judge_law import NOTHING, hidden_law, judge_law, law_line
 from .last_bits import agrees
@@ -33,7 +33,7 @@ class Asked:
 
     ``whole``: the effects of November 2026 among those hidden; ``dirts``: kinds of dirt, drawn unless given; ``twin``:
     a dirty campaign without its dirt; ``faint``: the least signal over noise aimed at; ``peers``, ``perturb``: ask the
-    peers, ask again with other last bits; ``budget``: s for a diagnosis."""
+    peers (of laws where a law is hidden), ask again with other last bits; ``budget``: s for a diagnosis."""
 
     kind: str | None = None
     whole: bool = False
@@ -65,14 +65,17 @@ def answer(seed: int, asked: Asked) -> dict:
         truth = draw(folder, seed, asked)
         campaign = load_campaign(folder)
         row = _of_truth(seed, truth, campaign)
-        if asked.peers:
+        if asked.peers and hidden_law(truth):
+            law_peers.check()
+        elif asked.peers:
             row["peers"] = ask_peers(campaign, truth)
         if hidden_law(truth):  # a diagnosis that crashes has found nothing
             row["law"] = judge_law(truth, NOTHING, Path(f"{folder}.heldout"), np.nan)
         model = Model.load(campaign.model) if campaign.model else Model.default()
         began, used = time.perf_counter(), time.process_time()
         try:
-            found = diagnose(campaign, model, budget=asked.budget)
+            with law_peers.overheard() as heard:
+                found = diagnose(campaign, model, budget=asked.budget)
         except Exception as error:  # a crash is a wrong answer with a reason, not the end of the benchmark
             row |= {"verdict": f"{type(error).__name__}: {error} ({_where(error)})", "right": False}
             return row | {"seconds": time.perf_counter() - began, "cpu": time.process_time() - used}
@@ -81,6 +84,8 @@ def answer(seed: int, asked: Asked) -> dict:
         row["error"] = heldout_error(Path(f"{folder}.heldout"), found.model, truth["plan"]["noise"])
         if hidden_law(truth):
             row["law"] = judge_law(truth, found, Path(f"{folder}.heldout"), row["error"])
+            if asked.peers:
+                row["law_peers"] = law_peers.ask_law_peers(heard, found, truth, Path(f"{folder}.heldout"))
         if asked.perturb:
             row["same"] = agrees(campaign, model, found, seed)
         return row

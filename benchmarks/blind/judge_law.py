@@ -5,6 +5,7 @@ unseen runs beside that of the table."""
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ from types import SimpleNamespace
 from inductrack_ros.core.model import Model
 from inductrack_ros.diagnosis.factor import Factor
 from inductrack_ros.diagnosis.laws.code import Written
-from inductrack_ros.diagnosis.laws.forms import FORMS, Range
+from inductrack_ros.diagnosis.laws.forms import FORMS, Form, Range
 from inductrack_ros.diagnosis.laws.structure import laid
 
 from .judge import heldout_error
@@ -72,19 +73,32 @@ def law_names(hidden: dict) -> list[str]:
 
 
 def as_table(found) -> Model:
-    """The model with the first law in the table's place, as a table so fine that it is the law: nothing is compiled.
+    """The model with the first law in the table's place."""
+    name = next(n for n in found.model.effects if n.startswith("stand_in"))
+    law, about = found.laws.proposed[0], found.model.effects[name]
+    model = found.laws.model
+    without = replace(
+        model, effects={n: v for n, v in model.effects.items() if n != law.name}, effect_files=found.model.effect_files
+    )
+    return with_force(without, name, about, *first_law(found))
+
+
+def first_law(found) -> tuple[Form, dict[str, float]]:
+    """The form of the first law and its parameters."""
+    law, name = found.laws.proposed[0], next(n for n in found.model.effects if n.startswith("stand_in"))
+    form = next(f for f in FORMS if law.name.startswith(f"proposed_{f.name}_{name.removeprefix('stand_in_')}_on_"))
+    return form, {p: v for p, (v, _, _) in law.parameters.items()}
+
+
+def with_force(model: Model, name: str, about: Mapping, form: Form, values: Mapping[str, float]) -> Model:
+    """The model with a form in the place of a stand-in of this name, whose table was ``about``, as a table so fine that
+    it is the form: nothing is compiled.
 
     It goes on for half the range beyond the data; there a table of the diagnosis is constant."""
-    law, name = found.laws.proposed[0], next(n for n in found.model.effects if n.startswith("stand_in"))
-    about = found.model.effects[name]
-    form = next(f for f in FORMS if law.name.startswith(f"proposed_{f.name}_{name.removeprefix('stand_in_')}_on_"))
     low, length = about["start"], about["step"] * (about["knots"] - 1)
     covered = Range(low - 0.5 * length, low + 1.5 * length)
-    values = {p: v for p, (v, _, _) in law.parameters.items()}
     written = Written(form, "", "", values, covered, factor=Factor.of(about))
-    model = found.laws.model
-    effects = {n: v for n, v in model.effects.items() if n != law.name}
-    return replace(model, effects={**effects, name: dict(about) | laid(written)}, effect_files=found.model.effect_files)
+    return replace(model, effects={**model.effects, name: dict(about) | laid(written)})
 
 
 def _off(law, parameters: dict[str, float]) -> dict[str, float]:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What became of unknown forces that follow a law, as a table."""
+"""What became of unknown forces that follow a law, as tables."""
 
 from __future__ import annotations
 
 import numpy as np
+from peers.law_versus import MINE
+from peers.laws import LAW_PEERS
 
 from .judge_law import INTERVAL
 
@@ -25,6 +27,36 @@ def laws(rows: list[dict], clear: list[dict]) -> list[str]:
             if mine := [r for r in of_kind if sort is None or r["law"]["sort"] == sort]:
                 found.append([kind + title, *_counts(mine)])
     return [f"| {' | '.join(str(x) for x in row)} |" for row in found]
+
+
+def versus(rows: list[dict]) -> list[str]:
+    """The lines of a Markdown table of the table, its first law and the peers' formulas in the same campaigns; none
+    where there are no rows."""
+    if not rows:
+        return []
+    head = ["in a table's place", "a formula", "right form", "unseen error over the table's: median", "at most 1",
+            "terms, median", "processor time, median (s)", "and of the refit"]  # fmt: skip
+    found = [head, ["---"] * len(head)]
+    for name in (MINE, *LAW_PEERS.values()):
+        told = [(r, a) for r in rows if (a := _answer(r, name))]
+        known = [a["right"] for _, a in told if a["right"] is not None]
+        asked = [r for r in rows if r["law"]["sort"] != "outside"]
+        ratios = [a["error"] / r["error"] for r, a in told]
+        middle = {key: [a[key] for _, a in told if a.get(key) is not None] for key in ("terms", "cpu", "refit")}
+        found.append([
+            name, f"{len(told)} of {len(rows)}", f"{sum(known)} of {len(asked)}" if asked else "",
+            f"{np.median(ratios):.2f}" if ratios else "", f"{sum(x <= ALIKE for x in ratios)} of {len(ratios)}",
+            *(f"{np.median(x):.{digits}f}" if x else "" for x, digits in zip(middle.values(), (0, 1, 1), strict=True)),
+        ])  # fmt: skip
+    return [f"| {' | '.join(row)} |" for row in found]
+
+
+def _answer(row: dict, name: str) -> dict | None:
+    """What the package or a peer gave in a campaign, with its error on unseen runs; None where it gave no formula."""
+    answer = row["law_peers"].get(name)
+    if answer is not None and name == MINE:
+        return {**answer, "error": row["law"]["errors"][1]}
+    return answer if answer is not None and answer["error"] is not None else None
 
 
 def _counts(rows: list[dict]) -> list[str]:

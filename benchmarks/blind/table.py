@@ -27,6 +27,7 @@ def summary(rows: list[dict]) -> str:
     blocks = [by_sort(rows), by_kind(rows), by_dirt(rows), confusion(rows), by_effect(rows), whole(rows)]
     of_law = [r for r in rows if "law" in r]
     blocks.append(law_table.laws(of_law, clear_ones(of_law)))
+    blocks.append(law_table.versus([r for r in of_law if r.get("law_peers")]))
     blocks.append(versus([r for r in rows if "peers" in r]))
     return "\n\n".join("\n".join(b) for b in blocks if b)
 
