@@ -148,3 +148,16 @@ def test_a_ctrl_c_while_a_lead_is_sought_ends_the_search(monkeypatch):
     monkeypatch.setattr(strategy, "ADDING", (("known effects", filled),))
     monkeypatch.setattr(strategy, "best_lead", interrupted)
     assert strategy.search(Task(None), State(None)).stopped == "interrupted"
+
+
+def test_an_answer_of_more_effects_than_are_sought_is_in_doubt(tmp_path, monkeypatch):
+    """A set that is added last may lead beyond the most: its effects are then only like what is missing."""
+    campaign = worse(tmp_path)
+    problem, base, _ = base_fit(campaign, Model.load(campaign.model))
+    many = ("dead_coils", "joint_step", "heave_spring", "sensor_saturation:heave")
+    monkeypatch.setattr(strategy, "ADDING", (("known effects", lambda task, state: replace(state, added=many)),))
+    monkeypatch.setattr(strategy, "REVISING", ())
+    monkeypatch.setattr(strategy, "last_screened", lambda task, state: state)
+    found = strategy.search(Task(problem, ("heave",)), State(base))
+    assert found.added == ("heave_damping",) and found.far and found.verdict == "unknown_effect"
+    assert found.log[0].startswith("4 effects are more than 3") and "open-loop" in found.log[1]

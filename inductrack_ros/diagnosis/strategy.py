@@ -72,9 +72,17 @@ def search(task: Task, state: State) -> State:
     if state.stopped or state.verdict == "unknown_effect":
         return likeliest(task, state)
     state = last_screened(task, likeliest(task, state))
-    if not (promise := unkept(state)):
+    if not (doubt := doubt_about(state)):
         return state
-    return _led(task, start, replace(state.told(f"{promise} promises much beside that, and keeps none"), far=True))
+    return _led(task, start, replace(state.told(doubt), far=True))
+
+
+def doubt_about(state: State) -> str:
+    """Why the known effects of an answer may only be like what is missing; empty where nothing says so."""
+    if len(state.added) > MOST_EFFECTS:
+        return f"{len(state.added)} effects are more than {MOST_EFFECTS}: this model is too far from the rig to be sure"
+    promise = unkept(state)
+    return f"{promise} promises much beside that, and keeps none" if promise else ""
 
 
 def unkept(state: State) -> str:
