@@ -34,7 +34,7 @@ from .parameters import (
     with_values,
     without_unknown,
 )
-from .qos import profile, subscribe
+from .qos import DEPTH, profile, subscribe
 from .rest import Rest
 from .runtime import NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
@@ -161,6 +161,7 @@ class SimNode(Node):
         since, ticks = self._due_from
         due = ticks + int((now - since) * factor * rate + 0.5) - self.simulation.ticks
         for _ in range(min(due, math.ceil(CATCH_UP * factor))):
+            self._take_commands()
             if not self._tick() or time.monotonic() - now > LONGEST_BATCH:
                 break
         behind = ticks + (now - since) * factor * rate - self.simulation.ticks
@@ -271,6 +272,15 @@ class SimNode(Node):
         self._tick()
 
     # -- what comes in --------------------------------------------------------------------------------------------
+
+    def _take_commands(self) -> None:
+        """Take all that has come before time goes on. The executor hands over one command in a turn, and a turn of a
+        simulator that catches up is several ticks long."""
+        for _ in range(DEPTH):
+            taken = self._commands.handle.take_message(PointStamped, False)
+            if taken is None:
+                return
+            self._take_pulse(taken[0])
 
     def _take_pulse(self, message: PointStamped) -> None:
         at = (nanoseconds_of(message.header.stamp) - self._zero) / 1e9
