@@ -34,7 +34,7 @@ from .parameters import (
     with_values,
     without_unknown,
 )
-from .qos import DEPTH, profile, subscribe
+from .qos import profile, subscribe
 from .rest import Rest
 from .runtime import NAMESPACE, every, run
 from .simulation import Simulation, parse_initial_state
@@ -274,9 +274,13 @@ class SimNode(Node):
     # -- what comes in --------------------------------------------------------------------------------------------
 
     def _take_commands(self) -> None:
-        """Take all that has come before time goes on. The executor hands over one command in a turn, and a turn of a
-        simulator that catches up is several ticks long."""
-        for _ in range(DEPTH):
+        """Take what has come before time goes on. The executor hands over one command in a turn, and a turn of a
+        simulator that catches up is several ticks long.
+
+        Time goes on under a flood too: after a command that is refused, and after as long as a tick lasts.
+        """
+        refused, until = self.queue.refused, time.monotonic() + 1.0 / self._options["rate"]
+        while self.queue.refused == refused and time.monotonic() < until:
             taken = self._commands.handle.take_message(PointStamped, False)
             if taken is None:
                 return
