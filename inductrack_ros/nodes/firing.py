@@ -15,9 +15,6 @@ import numpy as np
 from .detectors import Edge
 from .drive import Pulse
 
-NOTICE = (
-    3e-3  # s; a first pulse that is told later comes too late: a message takes up to 1.7 ms from process to process
-)
 MOST_AT_ONCE = 1000  # coils to command in one go; positions that no cradle has could ask for millions
 
 
@@ -34,6 +31,7 @@ class Motion:
         self._edges: deque[tuple[float, float]] = deque(maxlen=self.KEPT)
         self._strangers: list[tuple[float, float]] = []
         self._fit: tuple[float, float, float, float] | None = None  # time, place, speed, acceleration
+        self._since = 0.0
         self.rejected = 0
 
     def add(self, edge: Edge) -> None:
@@ -46,7 +44,10 @@ class Motion:
                 return
             self._edges.clear()
             self._edges.extend(self._strangers)
+            self._since = self._edges[0][0] + self._latency
         else:
+            if not self._edges:
+                self._since = edge.time
             self._edges.append(seen)
         self._strangers.clear()
         self._refit()
@@ -65,6 +66,10 @@ class Motion:
     def known(self) -> bool:
         """Whether there have been edges enough."""
         return self._fit is not None
+
+    def watched(self, now: float) -> float:
+        """For how long (s) reports of this motion have come."""
+        return now - self._since
 
     @property
     def speed(self) -> float:
@@ -113,6 +118,9 @@ class SpeedHold:
 class FiringPlan:
     """Turns edges into pulses: each coil once, ``lead`` seconds or less before its time; none below ``minimum_speed``
     (m/s). Both may be changed. ``waits``: time waits for what is commanded (lockstep), so that nothing comes too late.
+
+    A motion is foretold no further ahead than it has been watched. Three edges say nothing of how the cradle slows
+    down: coils fired 50 ms later by what they promise miss it, and an unstable speed is not caught any more.
     """
 
     def __init__(
@@ -136,16 +144,17 @@ class FiringPlan:
         """Pulses to command now (s); the amplitude (A) is given, or asked of a `SpeedHold`."""
         if not self.motion.known or self.motion.speed < self.minimum_speed:
             return []
+        reach = min(self.lead, self.motion.watched(now))
         here = self.motion.place(now)
         # The first coil whose pulse has not begun yet; never one that was fired already.
         ahead = int(np.floor((here + self.motion.speed * self._half_pulse) / self._spacing)) + 1
         if self._next_coil is None or abs(ahead - self._next_coil) > 100:  # a new run, somewhere else
-            self._next_coil = self._first_in_time(ahead, now)
+            self._next_coil = ahead if self._waits else self._first_beyond(now + reach, ahead)
         coil = max(self._next_coil, ahead, 0)
         commands = []
         for _ in range(MOST_AT_ONCE):
             begin = self.motion.passage(coil * self._spacing) - self._half_pulse
-            if not begin <= now + self.lead:
+            if not begin <= now + reach:
                 break
             current = amplitude.current(begin, self.motion.speed) if isinstance(amplitude, SpeedHold) else amplitude
             if begin > now and current != 0.0:
@@ -154,12 +163,11 @@ class FiringPlan:
         self._next_coil = coil
         return commands
 
-    def _first_in_time(self, coil: int, now: float) -> int:
-        """The first coil from this one on that hears of its time early enough. To wait for the whole lead would be
-        safer still, but the cradle slows down meanwhile: 50 ms without thrust at 15 m/s, and the speed is not caught
-        any more."""
+    def _first_beyond(self, time: float, coil: int) -> int:
+        """The first coil from this one on whose pulse begins after a time. It is told as early as later ones are: one
+        that is nearer would hear of its pulse too late where the machine is busy."""
         for _ in range(MOST_AT_ONCE):
-            if self._waits or self.motion.passage(coil * self._spacing) - self._half_pulse > now + NOTICE:
+            if self.motion.passage(coil * self._spacing) - self._half_pulse > time:
                 break
             coil += 1
         return coil

@@ -161,6 +161,7 @@ class SimNode(Node):
         since, ticks = self._due_from
         due = ticks + int((now - since) * factor * rate + 0.5) - self.simulation.ticks
         for _ in range(min(due, math.ceil(CATCH_UP * factor))):
+            self._take_commands()
             if not self._tick() or time.monotonic() - now > LONGEST_BATCH:
                 break
         behind = ticks + (now - since) * factor * rate - self.simulation.ticks
@@ -271,6 +272,19 @@ class SimNode(Node):
         self._tick()
 
     # -- what comes in --------------------------------------------------------------------------------------------
+
+    def _take_commands(self) -> None:
+        """Take what has come before time goes on. The executor hands over one command in a turn, and a turn of a
+        simulator that catches up is several ticks long.
+
+        Time goes on under a flood too: after a command that is refused, and after as long as a tick lasts.
+        """
+        refused, until = self.queue.refused, time.monotonic() + 1.0 / self._options["rate"]
+        while self.queue.refused == refused and time.monotonic() < until:
+            taken = self._commands.handle.take_message(PointStamped, False)
+            if taken is None:
+                return
+            self._take_pulse(taken[0])
 
     def _take_pulse(self, message: PointStamped) -> None:
         at = (nanoseconds_of(message.header.stamp) - self._zero) / 1e9
