@@ -282,6 +282,18 @@ def test_one_run_that_is_written_otherwise_is_named(channel, factor, kind, pose,
     assert found.kind == kind and found.text.startswith("in b alone of 3 runs ")
 
 
+@pytest.mark.parametrize(
+    ("channel", "factor", "unit", "either"),
+    [("roll", -180 / np.pi, "degrees", ["sway", "roll"]), ("heave", -1e3, "mm", ["heave"])],
+)
+def test_a_unit_and_a_sign_of_one_channel_are_both_named(channel, factor, unit, either, pose, model):
+    """Neither alone makes it belong; whose sign it is the data tell once the unit is right."""
+    found = {f.kind: f for f in impossible(look(changed(pose, channel, lambda y: factor * y), model))}
+    assert found.keys() == {"unit", "axis_flipped"}
+    assert found["unit"].channel == channel and f"it seems to be in {unit};" in found["unit"].remedy
+    assert found["axis_flipped"].size["candidates"] == either
+
+
 def test_a_current_in_kiloamperes_of_one_run_is_named(pose, model):
     runs = (replace(pose.runs[0], drive_current=7.0), *pose.runs[1:])
     (found,) = impossible(look(replace(pose, runs=runs), model))

@@ -36,6 +36,13 @@ class Change:
     reading: Reading
     unit: str = ""
 
+    def first_of(self, now: Reading) -> Change:
+        """The change without its sign where it is one of unit and sign: these are two things wrong, and data in which
+        the unit is right tell whose sign it is."""
+        if self.kind != "unit" or factor_between(now, self.reading) > 0.0:
+            return self
+        return replace(self, reading=self.reading.times(self.about[0], -1.0))
+
 
 def factor_between(before: Reading, after: Reading) -> float:
     """What the second reading multiplies by where the first does not."""
@@ -46,7 +53,7 @@ def factor_between(before: Reading, after: Reading) -> float:
 def changes(
     now: Reading, windows: Windows, left: Mapping[str, float], wanted: float | None, model: Model
 ) -> Iterator[Change]:
-    """Changes of one thing, but of no channel that belongs as it is; ``left`` is how far each is off. One of sway and
+    """Changes of one thing, or of unit and sign of one channel, but of no channel that belongs as it is; ``left`` is how far each is off. One of sway and
     roll is off where the other is flipped. The current has no other unit, and was not off, where what is ``wanted`` of
     it is not so far off."""
 
@@ -67,12 +74,15 @@ def changes(
             continue
         if channel == "heave" and not now.zeros:
             yield above(now, model)
-        if channel in now.channels:
+        if now.of(channel) > 0.0:
+            yield Change("flipped", (channel,), now.times(channel, -1.0))
+        if abs(now.of(channel)) != 1.0:
             continue
-        yield Change("flipped", (channel,), now.times(channel, -1.0))
         for factor, unit in units_of(channel):
             if channel != "surge" or factor * _speed(windows) < levels.FASTEST:
                 yield Change("unit", (channel,), now.times(channel, factor), unit)
+                if now.of(channel) > 0.0:
+                    yield Change("unit", (channel,), now.times(channel, -factor), unit)
     yield from exchanges(now, windows, [c for c in windows.values if fits(c)])
 
 

@@ -108,7 +108,10 @@ def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
     alike = [t for t in tried if total(t[1].misfits, among) < least + TWINS]
     if alike[0][0].kind == "unit":  # an exchange needs no number to be right
         alike.sort(key=lambda t: t[0].kind != "swapped")
-    return [t[0] for t in alike], alike[0][1], wanted
+    best, then = alike[0]
+    if (first := best.first_of(now)) is not best:
+        return [first], hold(held.windows, held.model, first.reading), wanted
+    return [t[0] for t in alike], then, wanted
 
 
 def _unlike(left: Mapping[str, float]) -> list[Finding]:
