@@ -53,9 +53,9 @@ def factor_between(before: Reading, after: Reading) -> float:
 def changes(
     now: Reading, windows: Windows, left: Mapping[str, float], wanted: float | None, model: Model
 ) -> Iterator[Change]:
-    """Changes of one thing, or of unit and sign of one channel, but of no channel that belongs as it is; ``left`` is how far each is off. One of sway and
-    roll is off where the other is flipped. The current has no other unit, and was not off, where what is ``wanted`` of
-    it is not so far off."""
+    """Changes of one thing, or of unit and sign of one channel, but of no channel that belongs as it is; ``left`` is
+    how far each is off. One of sway and roll is off where the other is flipped. The current has no other unit, and was
+    not off, where what is ``wanted`` of it is not so far off."""
 
     def fits(channel: str) -> bool:
         twins = SWINGING if channel in SWINGING else (channel,)
