@@ -11,7 +11,7 @@ import numpy as np
 from ..core.model import Model
 from ..core.state import COORDINATES, GAPS
 from . import levels
-from .units import CURRENTS, TIMES, units_of
+from .units import COUNTED, CURRENTS, TIMES, units_of
 from .windows import SWINGING, Reading, Windows
 
 #: Channels that may have changed places.
@@ -25,7 +25,8 @@ SWAPS = (
 class Change:
     """One thing that is read otherwise.
 
-    - kind: ``unit``, ``flipped``, ``swapped``, ``gap`` (in the place of heave), ``rate`` (of the clock) or ``off``
+    - kind: ``unit``, ``flipped``, ``swapped``, ``gap`` (in the place of heave), ``rate`` (of the clock), ``counted``
+      (too often or too rarely, by an encoder) or ``off``
     - about: the channels, ``time`` or ``drive_current``
     - reading: how the data are read then
     - unit: its name, of a ``unit``
@@ -78,6 +79,9 @@ def changes(
             yield Change("flipped", (channel,), now.times(channel, -1.0))
         if abs(now.of(channel)) != 1.0:
             continue
+        if channel == "surge":
+            for often in COUNTED:
+                yield Change("counted", (channel,), now.times(channel, 1.0 / often))
         for factor, unit in units_of(channel):
             if channel != "surge" or factor * _speed(windows) < levels.FASTEST:
                 yield Change("unit", (channel,), now.times(channel, factor), unit)

@@ -14,6 +14,8 @@ TIMES = (
     *((0.1, "tenths of a second"), (0.01, "hundredths of a second")),
 )
 CURRENTS = ((1e3, "kA"), (1e-3, "mA"))
+#: A travel is counted by an encoder, so many times too often where edges are taken for lines, or the other way round.
+COUNTED = (2.0, 4.0, 0.5, 0.25)
 #: How a header calls those that it does not call by their name.
 SHORT = {"degrees": "deg", "inches": "in", "feet": "ft", "thousandths of an inch": "mil"}
 
