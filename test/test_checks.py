@@ -318,6 +318,16 @@ def test_where_a_travel_and_a_current_explain_the_same_both_are_named(pose, mode
     assert counted(travel, 0.5, windows, []) == travel
 
 
+@pytest.mark.parametrize("kind", ["constant", "computed", "outliers"])
+def test_a_channel_of_which_nothing_is_left_is_left_out(kind, pose):
+    """Whatever the finding; where a sample is left the channel stays."""
+    every = tuple(range(len(pose.runs[0].times)))
+    for samples, stays in ((every, False), (every[1:], True)):
+        run, other, _ = set_aside(pose, [Finding(kind, SET_ASIDE, "", channel="roll", samples={"a": samples})]).runs
+        assert ("roll" in run.channels) == stays and "roll" in other.channels
+        assert len(run.times) == len(pose.runs[0].times)
+
+
 def test_a_current_in_kiloamperes_of_one_run_is_named(pose, model):
     runs = (replace(pose.runs[0], drive_current=7.0), *pose.runs[1:])
     (found,) = impossible(look(replace(pose, runs=runs), model))
