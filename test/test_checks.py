@@ -13,7 +13,11 @@ import pytest
 
 from inductrack_ros.checks import IMPOSSIBLE, SET_ASIDE, WARNING, admit, impossible, look, set_aside
 from inductrack_ros.checks.check import check
+from inductrack_ros.checks.finding import Finding
 from inductrack_ros.checks.local import predictions
+from inductrack_ros.checks.noise_found import channels_of
+from inductrack_ros.checks.saying import counted
+from inductrack_ros.checks.windows import windows_of
 from inductrack_ros.cli import main
 from inductrack_ros.compare import compare
 from inductrack_ros.core.errors import InputError
@@ -282,6 +286,48 @@ def test_one_run_that_is_written_otherwise_is_named(channel, factor, kind, pose,
     assert found.kind == kind and found.text.startswith("in b alone of 3 runs ")
 
 
+@pytest.mark.parametrize(
+    ("channel", "factor", "unit", "either"),
+    [("roll", -180 / np.pi, "degrees", ["sway", "roll"]), ("heave", -1e3, "mm", ["heave"])],
+)
+def test_a_unit_and_a_sign_of_one_channel_are_both_named(channel, factor, unit, either, pose, model):
+    """Neither alone makes it belong; whose sign it is the data tell once the unit is right."""
+    found = {f.kind: f for f in impossible(look(changed(pose, channel, lambda y: factor * y), model))}
+    assert found.keys() == {"unit", "axis_flipped"}
+    assert found["unit"].channel == channel and f"it seems to be in {unit};" in found["unit"].remedy
+    assert found["axis_flipped"].size["candidates"] == either
+
+
+@pytest.mark.parametrize("often", [2.0, 4.0])
+def test_a_travel_that_is_counted_too_often_is_named_and_no_current(often, pose, model):
+    """Edges of an encoder for its lines."""
+    (found,) = impossible(look(changed(pose, "surge", lambda y: often * y), model))
+    assert found.kind == "unit" and found.channel == "surge" and found.run is None
+    assert found.text == f"surge is {often:g} times the travel that moves as the model's forces say"
+    assert found.remedy.endswith("A known distance along the track settles it")
+
+
+def test_where_a_travel_and_a_current_explain_the_same_both_are_named(pose, model):
+    windows = windows_of(pose, channels_of(pose))
+    travel = Finding("unit", "impossible", "surge is 2 times the travel", "look", "surge")
+    current = Finding("unlike", "warning", "drive_current is 0.4 times what accelerates", "look at it", "drive_current")
+    found = counted(travel, 0.5, windows, [current])
+    assert found.severity == "warning" and found.channel == "drive_current"
+    assert found.text == f"{current.text}; or is it that surge is 2 times the true travel"
+    assert "A known distance along the track settles it. If that is right, look at it" in found.remedy
+    assert counted(travel, 0.5, windows, []) == travel
+
+
+@pytest.mark.parametrize("kind", ["constant", "computed", "outliers"])
+def test_a_channel_of_which_nothing_is_left_is_left_out(kind, pose):
+    """Whatever the finding; where a sample is left the channel stays."""
+    every = tuple(range(len(pose.runs[0].times)))
+    for samples, stays in ((every, False), (every[1:], True)):
+        run, other, _ = set_aside(pose, [Finding(kind, SET_ASIDE, "", channel="roll", samples={"a": samples})]).runs
+        assert ("roll" in run.channels) == stays and "roll" in other.channels
+        assert len(run.times) == len(pose.runs[0].times)
+
+
 def test_a_current_in_kiloamperes_of_one_run_is_named(pose, model):
     runs = (replace(pose.runs[0], drive_current=7.0), *pose.runs[1:])
     (found,) = impossible(look(replace(pose, runs=runs), model))
@@ -478,7 +524,7 @@ def test_a_constant_channel_says_so(pose, model):
         admit(replace(changed(pose, "sway", np.zeros_like), noise_std={}), model)
     used, (found,) = admit(changed(pose, "roll", lambda y: np.full_like(y, 0.001), "c"), model)
     assert (found.kind, found.severity) == ("constant", SET_ASIDE)
-    assert np.isnan(used.runs[2]["roll"]).all()
+    assert "roll" not in used.runs[2].channels and "roll" in used.runs[0].channels
 
 
 def test_a_coarse_sensor_at_rest_is_not_called_dead(pose, model):

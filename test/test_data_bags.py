@@ -348,7 +348,7 @@ def test_a_bag_that_was_cut_off(whole, tmp_path, part):
     cut.mkdir()
     (cut / "metadata.yaml").write_bytes((bag / "metadata.yaml").read_bytes())
     (cut / storage.name).write_bytes(data[: int(part * len(data))])
-    if storage.suffix == ".mcap" and part >= 0.3:
+    if part >= (0.3 if storage.suffix == ".mcap" else 0.7):  # before that there is no page of rows
         assert "cut off" in read_bag(cut).notes[0] and "cut off" in read_bag(cut / storage.name).notes[0]
         return
     for path in (cut, cut / storage.name):

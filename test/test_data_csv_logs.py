@@ -122,6 +122,47 @@ def test_a_table_behind_two_heads_of_settings(tmp_path):
     assert run.numbers.tolist() == [13, 14]
 
 
+def without_x(
+    steps="0.004\t0.004", begins="0.5\t0.5", of="Time\tTime", rows="\t0.1\t-0.005\t\n\t0.2\t-0.005\n\t0.3\t-0.006\n"
+):
+    """A measurement file of LabVIEW that leaves the times out."""
+    head = (
+        "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\nTime\t10:00:00.12\n***End_of_Header***\n\nChannels\t2\n"
+    )
+    head += f"Samples\t3\t3\nX_Dimension\t{of}\n" + (f"X0\t{begins}\n" if begins else "")
+    head += (f"Delta_X\t{steps}\n" if steps else "") + "***End_of_Header***\t\t\n"
+    return head + "X_Value\tsurge\theave\tComment\n" + rows
+
+
+def test_times_that_are_left_out_are_counted(tmp_path):
+    """`X_Columns No`: X0 and Delta_X above the table say them."""
+    run = read(tmp_path, without_x())
+    assert run.stamps.tolist() == pytest.approx([0.5, 0.504, 0.508]) and run["surge"].tolist() == [0.1, 0.2, 0.3]
+    assert run.seconds_stated
+    assert "the rows have no times: counted from X0, 0.5 s, in steps of Delta_X, 0.004 s" in run.notes
+    commas = without_x(rows="\t0,1\t-0,005\t\n\t0,2\t-0,005\n\t0,3\t-0,006\n", steps="0,004\t0,004", begins="")
+    assert read(tmp_path, commas).times.tolist() == pytest.approx([0.0, 0.004, 0.008])
+    lost = read(
+        tmp_path, without_x(rows="\t0.1\t-0.005\t\n\t\t\t\n\t0.3\t-0.006\n")
+    )  # nothing was measured in the second
+    assert lost.times.tolist() == pytest.approx([0.0, 0.008])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (without_x(steps=""), r"row 13: the rows have no times, and no Delta_X above the table says .*X_Columns One"),
+        (without_x(steps="0\t0"), "Delta_X above it is 0; fill them in, or save the file with one X column"),
+        (without_x(steps="0.004\t0.002"), "Delta_X differs between the channels, 0.002 and 0.004; save"),
+        (without_x(of="Frequency\tFrequency"), "its rows go on in Frequency, not in time"),
+        ("time,surge,heave\n,0.1,-0.005\n,0.2,-0.005\n", "row 2: the rows have no times, and no Delta_X above"),
+    ],
+)
+def test_times_that_are_nowhere_are_asked_for(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, text)
+
+
 # ---------------------------------------------------------------- long times
 
 EPOCH = 1_764_410_400_123_456_789

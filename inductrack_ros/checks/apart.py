@@ -41,12 +41,20 @@ def of_some(
         first = next(iter(mine.values()))
         return first.severity != IMPOSSIBLE and first.channel in campaign.channels and first.channel in surely
 
-    some = [mine for mine in kinds.values() if not is_told(mine) and _others_are_right(campaign, mine, apart, alone)]
+    some = {
+        key: mine
+        for key, mine in kinds.items()
+        if not is_told(mine) and _others_are_right(campaign, mine, apart, alone)
+    }
     if not some:
         return together
-    named = {c for mine in some for f in mine.values() for c in (*_about(f), *f.size.get("explains", ()))}
     where = f" alone of {len(campaign.runs)} runs" if len(odd) < len(apart) else ""
-    return [_in_runs(mine, where) for mine in some] + [f for f in together if not named & set(_about(f))]
+    rest = [f for f in together if _alike(f) not in some]
+    # What most runs give, and all together too, hides nothing from these: whatever else they give there is so.
+    given = [key for key in map(_alike, together) if key in some and 2 * len(some[key]) > len(apart)]
+    hidden = [mine for key, mine in some.items() if key not in given]
+    named = {c for mine in hidden for f in mine.values() for c in (*_about(f), *f.size.get("explains", ()))}
+    return [_in_runs(mine, where) for mine in some.values()] + [f for f in rest if not named & set(_about(f))]
 
 
 def _others_are_right(

@@ -11,7 +11,7 @@ import numpy as np
 from ..core.model import Model
 from ..core.state import COORDINATES, GAPS
 from . import levels
-from .units import CURRENTS, TIMES, units_of
+from .units import COUNTED, CURRENTS, TIMES, units_of
 from .windows import SWINGING, Reading, Windows
 
 #: Channels that may have changed places.
@@ -25,7 +25,8 @@ SWAPS = (
 class Change:
     """One thing that is read otherwise.
 
-    - kind: ``unit``, ``flipped``, ``swapped``, ``gap`` (in the place of heave), ``rate`` (of the clock) or ``off``
+    - kind: ``unit``, ``flipped``, ``swapped``, ``gap`` (in the place of heave), ``rate`` (of the clock), ``counted``
+      (too often or too rarely, by an encoder) or ``off``
     - about: the channels, ``time`` or ``drive_current``
     - reading: how the data are read then
     - unit: its name, of a ``unit``
@@ -35,6 +36,13 @@ class Change:
     about: tuple[str, ...]
     reading: Reading
     unit: str = ""
+
+    def first_of(self, now: Reading) -> Change:
+        """The change without its sign where it is one of unit and sign: these are two things wrong, and data in which
+        the unit is right tell whose sign it is."""
+        if self.kind != "unit" or factor_between(now, self.reading) > 0.0:
+            return self
+        return replace(self, reading=self.reading.times(self.about[0], -1.0))
 
 
 def factor_between(before: Reading, after: Reading) -> float:
@@ -46,9 +54,9 @@ def factor_between(before: Reading, after: Reading) -> float:
 def changes(
     now: Reading, windows: Windows, left: Mapping[str, float], wanted: float | None, model: Model
 ) -> Iterator[Change]:
-    """Changes of one thing, but of no channel that belongs as it is; ``left`` is how far each is off. One of sway and
-    roll is off where the other is flipped. The current has no other unit, and was not off, where what is ``wanted`` of
-    it is not so far off."""
+    """Changes of one thing, or of unit and sign of one channel, but of no channel that belongs as it is; ``left`` is
+    how far each is off. One of sway and roll is off where the other is flipped. The current has no other unit, and was
+    not off, where what is ``wanted`` of it is not so far off."""
 
     def fits(channel: str) -> bool:
         twins = SWINGING if channel in SWINGING else (channel,)
@@ -67,12 +75,18 @@ def changes(
             continue
         if channel == "heave" and not now.zeros:
             yield above(now, model)
-        if channel in now.channels:
+        if now.of(channel) > 0.0:
+            yield Change("flipped", (channel,), now.times(channel, -1.0))
+        if abs(now.of(channel)) != 1.0:
             continue
-        yield Change("flipped", (channel,), now.times(channel, -1.0))
+        if channel == "surge":
+            for often in COUNTED:
+                yield Change("counted", (channel,), now.times(channel, 1.0 / often))
         for factor, unit in units_of(channel):
             if channel != "surge" or factor * _speed(windows) < levels.FASTEST:
                 yield Change("unit", (channel,), now.times(channel, factor), unit)
+                if now.of(channel) > 0.0:
+                    yield Change("unit", (channel,), now.times(channel, -factor), unit)
     yield from exchanges(now, windows, [c for c in windows.values if fits(c)])
 
 

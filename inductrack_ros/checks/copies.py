@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..data import Campaign, Run
 from ..data.measurement import Array
+from ..data.stretches import stretches
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, number, place, shared
 from .local import deviations, spread
@@ -186,11 +187,11 @@ def _in_order(theirs: NDArray[np.intp], mine: NDArray[np.intp], count: int) -> _
     matched = np.zeros(count)
     matched[mine[np.flatnonzero(np.diff(theirs, prepend=-1) > 0)]] = 1.0
     dense = np.convolve(matched, np.ones(COPY), "valid") >= MOST_OF * COPY
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], dense, [0]])))
-    if not len(edges):
+    found = stretches(dense)
+    if not found:
         return None
-    k = int(np.argmax(edges[1::2] - edges[::2]))
-    inside = (mine >= edges[2 * k]) & (mine < edges[2 * k + 1] + COPY - 1)
+    first, behind = max(found, key=lambda ends: ends[1] - ends[0])
+    inside = (mine >= first) & (mine < behind + COPY - 1)
     return _Copy(theirs[inside], mine[inside])
 
 

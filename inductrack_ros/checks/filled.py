@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..core.state import COORDINATES, GAPS
 from ..data import Campaign, Run
 from ..data.measurement import Array
+from ..data.stretches import stretches
 from . import levels
 from .finding import SET_ASIDE, Finding, as_samples, place, quantity
 from .noise_found import Channel
@@ -57,11 +58,8 @@ def _lines(run: Run, channel: str, about: Channel) -> list[NDArray[np.intp]]:
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     off = y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:]
     on = (np.abs(off) < ON_LINE * about.noise) & (y[2:] != y[:-2])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(np.int8)))
     return [
-        known[a + 1 : b + 1]
-        for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-        if b - a >= levels.FLAT and _noisy_beside(off, a, b, about.noise)
+        known[a + 1 : b + 1] for a, b in stretches(on) if b - a >= levels.FLAT and _noisy_beside(off, a, b, about.noise)
     ]
 
 

@@ -137,8 +137,8 @@ def admit(campaign: Campaign, model: Model) -> tuple[Campaign, tuple[Finding, ..
 
 
 def _without(run: Run, findings: list[Finding]) -> Run:
-    """A run without what findings leave out of it: cells where they name a channel, or the channel, else whole
-    samples."""
+    """A run without what findings leave out of it: cells where they name a channel, else whole samples. A channel of
+    which nothing is left is left out itself."""
     mine = [f for f in findings if run.name in f.samples]
     if not mine:
         return run
@@ -150,7 +150,8 @@ def _without(run: Run, findings: list[Finding]) -> Run:
             kept[rows] = False
         elif finding.channel in run.channels:
             values[rows, run.channels.index(finding.channel)] = np.nan
-    held = [c not in {f.channel for f in mine if f.kind == "computed"} for c in run.channels]
+    emptied = run.measured.any(axis=0) & np.isnan(values[kept]).all(axis=0)
+    held = [not gone for gone in emptied]
     start = run.times[kept][0]
     pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
     inputs = {name: (times - start, readings) for name, (times, readings) in run.inputs.items()}

@@ -12,18 +12,8 @@ from ..data import Campaign
 from . import levels, spectrum
 from .finding import IMPOSSIBLE, WARNING, Finding, number, quantity
 from .noise_found import Channel
+from .units import WRITTEN_IN
 
-#: Other units in which a channel of this SI unit may be written, and what 1 of that is in them.
-WRITTEN_IN: Mapping[str, tuple[tuple[float, str], ...]] = {
-    "m": ((1e3, "mm"), (100.0, "cm"), (1 / 0.0254, "inches"), (1e6, "µm")),
-    "rad": ((180.0 / np.pi, "degrees"), (1e3, "mrad")),
-    "m/s": (
-        *((1e3, "mm/s"), (3.6, "km/h"), (100.0, "cm/s"), (60.0, "m/min"), (2.237, "mph"), (1.944, "knots")),
-        *((1 / 0.0254, "in/s"), (1 / 0.3048, "ft/s")),
-    ),
-    "rad/s": ((180.0 / np.pi, "degrees/s"), (1e3, "mrad/s"), (30.0 / np.pi, "rpm")),
-    "m/s²": ((1 / 9.80665, "g"), (1e3 / 9.80665, "mg"), (1e3, "mm/s²")),
-}
 #: Channels in which every drive pulse shows: it is over between two samples, and comes back with every coil.
 PUSHED = ("surge", "surge_rate", "surge_acceleration")
 #: The noise found scatters by this over the root of the number of samples; of fewer samples by more.
@@ -97,6 +87,6 @@ def _differs(channel: str, stated: float, about: Channel, moving: bool) -> list[
 def meant(ratio: float, unit: str, near_to: float = levels.NEAR) -> str:
     """The unit in which a channel, whose SI unit is ``unit``, is written where it is ``ratio`` times as large as it
     should be, to the factor ``near_to``; empty where there is none such."""
-    near = [(abs(np.log(ratio / factor)), name) for factor, name in WRITTEN_IN.get(unit, ())]
+    near = [(abs(np.log(ratio * factor)), name) for factor, name in WRITTEN_IN.get(unit, ())]
     off, name = min(near, default=(np.inf, ""))
     return name if off < np.log(near_to) else ""

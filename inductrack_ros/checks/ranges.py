@@ -93,7 +93,10 @@ def _outside(
     left = (
         [0.0]
         if windows is None
-        else [total(misfits(windows, model, now.times(channel, f)), windows.values) for f, _ in fits]
+        else [
+            min(total(misfits(windows, model, now.times(channel, sign * f)), windows.values) for sign in (1.0, -1.0))
+            for f, _ in fits  # its sign may be wrong as well, which is looked for once the unit is right
+        ]
     )
     factor, unit = fits[int(np.argmin(left))]
     return now.times(channel, factor), [unit_finding(campaign, channel, text, factor, unit, size)]

@@ -19,7 +19,7 @@ from .gravity import with_gravity
 from .noise_found import Channel
 from .ranges import by_range, or_counts
 from .room import mean_speeds
-from .saying import finding_of
+from .saying import counted, finding_of
 from .windows import WINDOWS, Reading, Windows, windows_of
 from .zeros import negative_gap, zeros_apart
 
@@ -38,11 +38,16 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
     others are read rightly."""
     most = max(FEWEST_APART, WINDOWS // len(campaign.runs))
 
-    def alone(one: Campaign) -> list[Finding]:
-        return _read(one, windows_of(one, channels, most), model)
-
     windows = windows_of(campaign, channels)
-    found = of_some(campaign, _read(campaign, windows, model), alone, telling=_counts)
+    together = _read(campaign, windows, model, of_all=True)
+    # One factor on the travel of all runs explains what currents, a wrong one in each run, would explain as well.
+    surge = any(f.kind == "unit" and f.channel == "surge" for f in impossible(together))
+
+    def alone(one: Campaign) -> list[Finding]:
+        found = _read(one, windows_of(one, channels, most), model, of_all=False)
+        return [f for f in found if not (surge and f.channel in ("surge", "drive_current"))]
+
+    found = of_some(campaign, together, alone, telling=_counts)
     found = against_others(campaign, channels, model, most, found)
     if impossible(found) or windows is None:
         return found
@@ -55,8 +60,8 @@ def _counts(finding: Finding) -> bool:
     return finding.severity == IMPOSSIBLE or finding.kind == "unlike"
 
 
-def _read(campaign: Campaign, windows: Windows | None, model: Model) -> list[Finding]:
-    """Findings about readings that runs share."""
+def _read(campaign: Campaign, windows: Windows | None, model: Model, of_all: bool) -> list[Finding]:
+    """Findings about readings that runs share. An encoder counts alike in all runs, so that of some it is not asked."""
     now, found = by_range(campaign, model, windows)
     found = [or_counts(f, campaign, windows, model, now) for f in found]
     found += with_gravity(campaign, model)
@@ -65,12 +70,14 @@ def _read(campaign: Campaign, windows: Windows | None, model: Model) -> list[Fin
         return found or _backwards(campaign, model)
     held = hold(windows, model, now)
     for _ in range(MOST):
-        best = _best(held)
+        best = _best(held, of_all)
         if best is None:
             break
         alike, then, wanted = best
         factor = factor_between(held.reading, then.reading)
         finding = finding_of(campaign, alike, factor, {"off": held.misfits, "then": then.misfits})
+        if alike[0].kind == "counted":
+            finding = counted(finding, factor, windows, drive(campaign, windows, model, held.misfits))
         chance = finding.size.get("factor") == 0.0 and (wanted is None or abs(wanted) > levels.EXACTLY - 1.0)
         found.append(judged(finding, windows, model) if chance else finding)
         held = then
@@ -79,7 +86,7 @@ def _read(campaign: Campaign, windows: Windows | None, model: Model) -> list[Fin
     return found if found else drive(campaign, windows, model, held.misfits) or _unlike(held.misfits)
 
 
-def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
+def _best(held: Held, of_all: bool) -> tuple[list[Change], Held, float | None] | None:
     """The change that makes most of the data belong, with those that do as well, best first; the data so read; the
     factor that the drive current lacks as it is read. None where nothing is to be read otherwise.
 
@@ -93,7 +100,7 @@ def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
     off = bad(left)
     if off:
         wanted = needed_factor(held.windows, held.model) if off == ["surge"] and now == Reading() else None
-        others = changes(now, held.windows, left, wanted, held.model)
+        others = [c for c in changes(now, held.windows, left, wanted, held.model) if of_all or c.kind != "counted"]
     elif not left and stops(held.model):
         others = exchanges(now, held.windows, [])
     else:
@@ -108,7 +115,10 @@ def _best(held: Held) -> tuple[list[Change], Held, float | None] | None:
     alike = [t for t in tried if total(t[1].misfits, among) < least + TWINS]
     if alike[0][0].kind == "unit":  # an exchange needs no number to be right
         alike.sort(key=lambda t: t[0].kind != "swapped")
-    return [t[0] for t in alike], alike[0][1], wanted
+    best, then = alike[0]
+    if (first := best.first_of(now)) is not best:
+        return [first], hold(held.windows, held.model, first.reading), wanted
+    return [t[0] for t in alike], then, wanted
 
 
 def _unlike(left: Mapping[str, float]) -> list[Finding]:

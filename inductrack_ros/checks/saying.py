@@ -4,17 +4,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from ..core.state import COORDINATES, GAPS
 from ..data import Campaign
+from . import levels
 from .changes import Change
 from .current import stated_currents
 from .finding import IMPOSSIBLE, Finding, number, of_a_bag, shared
 from .units import SHORT, si_unit
+from .windows import Windows
 
 _GAP = "the gap of the top array"
+_COUNTS = (
+    "does its encoder count edges (2 or 4 for each line) where lines are meant, or the other way round? A known"
+    " distance along the track settles it"
+)
 
 
 def finding_of(campaign: Campaign, alike: list[Change], factor: float, size: Mapping[str, object]) -> Finding:
@@ -35,6 +42,9 @@ def finding_of(campaign: Campaign, alike: list[Change], factor: float, size: Map
         remedy = "was the drive off? Then drive_current is 0; or is it another run's?"
         return Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", size={**size, "factor": 0.0})
     (what,) = best.about
+    if best.kind == "counted":
+        text = f"{what} is {number(1 / factor)} times the travel that moves as the model's forces say"
+        return Finding("unit", IMPOSSIBLE, text, _COUNTS, what, size={**size, "factor": factor})
     if what == "time":
         return _clock(campaign, best.unit, factor, {**size, "factor": 1 / factor})
     if what == "drive_current":
@@ -46,6 +56,26 @@ def finding_of(campaign: Campaign, alike: list[Change], factor: float, size: Map
         return Finding("unit", IMPOSSIBLE, text, remedy, what, size={**size, "factor": factor})
     text = f"as it is written {what} does not belong to the model's motion"
     return unit_finding(campaign, what, text, factor, best.unit, size)
+
+
+def counted(finding: Finding, factor: float, windows: Windows, current: list[Finding]) -> Finding:
+    """The finding about a travel that is to be multiplied by ``factor``, with what surge's measured rate says of it.
+
+    Where a ``current`` would explain the same these data cannot tell, and both are named."""
+    if current:
+        first = current[0]
+        text = f"{first.text}; or is it that surge is {number(1 / factor)} times the true travel"
+        remedy = f"{_COUNTS}. If that is right, {first.remedy}"
+        return replace(first, text=text, remedy=remedy, size={**first.size, "candidates": ["surge"]})
+    if "surge_rate" not in windows.values:
+        return finding
+    travelled = np.diff(windows.values["surge"][:, [0, -1]]) / np.diff(windows.times[:, [0, -1]])
+    ratio = float(np.median(np.median(windows.values["surge_rate"], axis=1) / travelled[:, 0]))
+    if abs(np.log(ratio / factor)) < np.log(levels.SCALE):
+        return replace(finding, text=f"{finding.text}, and that surge_rate says")
+    if abs(np.log(ratio)) < np.log(levels.SCALE):
+        return replace(finding, text=f"{finding.text}, and so is surge_rate: do both come from one encoder?")
+    return finding
 
 
 def _clock(campaign: Campaign, unit: str, factor: float, size: Mapping[str, object]) -> Finding:

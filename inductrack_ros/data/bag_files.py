@@ -21,10 +21,12 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability, 
 from rosbags.rosbag2 import Reader
 
 from ..core.errors import InputError, one_line
+from . import mcap_salvage, sqlite_salvage
 from .bag_storage import METADATA, ROS1, SQLITE, head_of, storage_files
 from .file_kinds import is_text, kind_of
-from .mcap_salvage import MAGIC, salvage, zstd
-from .sqlite_files import tables_of, whole_database
+from .mcap_salvage import MAGIC, zstd
+from .salvage import Channel, Loss, in_words
+from .sqlite_files import lacks_its_end, tables_of, whole_database, with_an_end
 
 ZSTD = b"\x28\xb5\x2f\xfd"
 
@@ -54,12 +56,33 @@ class Topic:
 @dataclass(frozen=True)
 class _File:
     """A storage file that can be read: ``path`` may be a copy of ``given``, which messages to people name. One that is
-    ``cut`` off, or that holds more than ROS 2 writes, is to be read record after record."""
+    ``cut`` off or damaged, or that holds more than ROS 2 writes, is to be read record after record."""
 
     path: Path
     given: Path
     cut: bool = False
+    damaged: bool = False
     by_record: bool = False
+
+    @property
+    def is_mcap(self) -> bool:
+        """Whether it is an MCAP, else a database."""
+        return self.path.suffix == ".mcap"
+
+    @property
+    def mends(self) -> str:
+        """What mends it."""
+        name = self.given.name
+        return f"mcap recover {name}" if self.is_mcap else f"sqlite3 {name} .recover"
+
+    def records(self, losses: list[Loss] | None = None) -> Iterator[tuple[Channel, int, bytes]]:
+        """Channel, log time (ns) and bytes of each whole message; where some are lost is added to ``losses``."""
+        return (mcap_salvage if self.is_mcap else sqlite_salvage).salvage(self.path, losses)
+
+    @property
+    def promised(self) -> tuple[int, int | None]:
+        """How many messages it had as it says itself, 0 where that is lost, and the log time (ns) of the first."""
+        return (mcap_salvage if self.is_mcap else sqlite_salvage).promised(self.path)
 
 
 @dataclass(frozen=True)
@@ -70,6 +93,11 @@ class Bag:
     topics: dict[str, Topic]
     notes: tuple[str, ...]
     _files: tuple[_File, ...] = field(repr=False, default=())
+
+    @property
+    def damaged(self) -> bool:
+        """Whether bytes of its messages may be others than were written."""
+        return any(file.damaged for file in self._files)
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """Topic, log time (ns) and bytes of every message on these topics, file by file. Raises InputError for a
@@ -93,25 +121,18 @@ def open_bag(path: Path, types: Collection[str] = ()) -> Iterator[Bag]:
             given, promised = storage_files(path, notes)
             files = tuple(_readable(file, Path(folder, str(i)), notes) for i, file in enumerate(given))
             parts: dict[tuple[str, str], Topic] = {}
+            hurt: dict[_File, str] = {}
             for file in files:
+                losses: list[Loss] = []
                 with _saying_what_is_damaged(file):
-                    for topic in _topics(file):
+                    for topic in _topics(file, losses):
                         key = topic.name, topic.msgtype
                         parts[key] = topic.joined(parts.get(key))
+                if file.cut or file.damaged:
+                    hurt[file] = _hurt(file, losses)
             topics = _of_one_type(parts.values(), types, notes)
             found = sum(t.count for t in parts.values())
-            cut = [f.given.name for f in files if f.cut]
-            if cut and not found:
-                raise InputError(
-                    f"{path}: {cut[0]} is cut off and holds no whole message; copy it again or try `mcap recover"
-                    f" {cut[0]}`"
-                )
-            if cut or found < promised:
-                what = f"{cut[0]} is cut off" if cut else f"{METADATA} promises more"
-                mend = f"; `mcap recover {cut[0]}` mends the file" if cut else ""
-                notes.append(
-                    f"{what}: {found}{f' of {promised}' if promised else ''} messages are whole and read{mend}"
-                )
+            _say_what_is_lost(path, hurt, found, promised or _promised(files, hurt), notes)
             yield Bag(path, topics, tuple(notes), files)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):  # reading fills nothing but the copies
@@ -120,6 +141,37 @@ def open_bag(path: Path, types: Collection[str] = ()) -> Iterator[Bag]:
                 " set TMPDIR to a folder with room"
             ) from None
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _hurt(file: _File, losses: list[Loss]) -> str:
+    """What is wrong with a file that is cut off or damaged, and where."""
+    inside = [loss for loss in losses if not (file.cut and loss.before is None)]
+    begin = file.promised[1]
+    if begin is None:
+        begin = next((time for _, time, _ in file.records()), 0)
+    said = ["is cut off"] if file.cut else []
+    return " and ".join([*said, in_words(inside, begin)] if inside or not file.cut else said)
+
+
+def _promised(files: Iterable[_File], hurt: Collection[_File]) -> int:
+    """How many messages the only file of a bag had as it says itself, where it is hurt; 0 where that is not known."""
+    one, *others = files
+    return 0 if others or one not in hurt else one.promised[0]
+
+
+def _say_what_is_lost(path: Path, hurt: Mapping[_File, str], found: int, promised: int, notes: list[str]) -> None:
+    """Add to ``notes`` what of a bag is read, where some is lost or may be. Raises InputError where nothing is left."""
+    if hurt and not found:
+        file, how = next(iter(hurt.items()))
+        raise InputError(
+            f"{path}: {file.given.name} {how.partition(' from ')[0]} and holds no whole message; copy it again or try"
+            f" `{file.mends}`"
+        )
+    if not hurt and found >= promised:
+        return
+    what = ", ".join(f"{file.given.name} {how}" for file, how in hurt.items()) or f"{METADATA} promises more"
+    mend = f"; `{next(iter(hurt)).mends}` mends the file" if hurt else ""
+    notes.append(f"{what}: {found}{f' of {promised}' if promised else ''} messages are whole and read{mend}")
 
 
 # ---------------------------------------------------------------- one file
@@ -141,7 +193,10 @@ def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
         if (tables := tables_of(database)) is not None and not {"topics", "messages"} <= set(tables):
             held = f"it holds {', '.join(tables[:4])}" if tables else "it is empty"
             raise InputError(f"{file}: is an SQLite database, but no rosbag2: no tables topics and messages ({held})")
-        return _File(_under(database, folder, ".db3"), file)
+        if cut := lacks_its_end(database):
+            database = with_an_end(database, folder)
+        damaged = not cut and not sqlite_salvage.is_whole(database)
+        return _File(_under(database, folder, ".db3"), file, cut, damaged, cut or damaged)
     if not head:
         raise InputError(f"{file}: empty, the recording was cut off; record it again")
     if not head.startswith(MAGIC):
@@ -157,7 +212,8 @@ def _readable(file: Path, folder: Path, notes: list[str]) -> _File:
         stream.seek(max(stream.tell() - len(MAGIC), len(MAGIC)))
         cut = stream.read() != MAGIC
     path = _under(path, folder, ".mcap")
-    return _File(path, file, cut, cut or _is_not_only_of_ros2(path))
+    damaged = not cut and not mcap_salvage.is_whole(path)
+    return _File(path, file, cut, damaged, cut or damaged or _is_not_only_of_ros2(path))
 
 
 def _is_not_only_of_ros2(path: Path) -> bool:
@@ -202,10 +258,11 @@ def _under(path: Path, folder: Path, suffix: str) -> Path:
     return link
 
 
-def _topics(file: _File) -> Iterator[Topic]:
+def _topics(file: _File, losses: list[Loss]) -> Iterator[Topic]:
+    """The topics of a file; where it is read record after record what is lost is added to ``losses``."""
     if file.by_record:
         counts: dict[tuple[str, str, str], int] = {}
-        for channel, _, _ in salvage(file.path):
+        for channel, _, _ in file.records(losses):
             key = channel.topic, channel.msgtype, channel.offered_qos
             counts[key] = counts.get(key, 0) + 1
         for (name, msgtype, offered), count in counts.items():
@@ -250,18 +307,21 @@ def _offered(connection: Connection) -> tuple[bool, bool, int]:
 def _messages(file: _File, types: Mapping[str, str]) -> Iterator[tuple[str, int, bytes]]:
     """Topic, log time (ns) and bytes of the messages on the topics, each of the type that is given for it."""
     if file.by_record:
-        for channel, time, data in salvage(file.path):
+        for channel, time, data in file.records():
             if types.get(channel.topic) == _as_of_ros2(channel.msgtype):
-                yield channel.topic, time, data
+                yield channel.topic, time, _unpacked_message(data)
         return
     with Reader(file.path) as reader:
         connections = [c for c in reader.connections if types.get(c.topic) == _as_of_ros2(c.msgtype) and c.msgcount]
         if not connections:
             return
-        # A message begins with 0, a compressed one does not.
         for connection, time, data in reader.messages(connections):
-            data = data or b""  # a database may hold none
-            yield connection.topic, time, zstd.decompress(data) if data[:4] == ZSTD else data
+            yield connection.topic, time, _unpacked_message(data or b"")  # a database may hold none
+
+
+def _unpacked_message(data: bytes) -> bytes:
+    """A message, which begins with 0; a compressed one does not."""
+    return zstd.decompress(data) if data[:4] == ZSTD else data
 
 
 @contextlib.contextmanager
@@ -272,8 +332,8 @@ def _saying_what_is_damaged(file: _File) -> Iterator[None]:
     except (InputError, GeneratorExit):
         raise
     except Exception as error:
-        tool = "mcap recover" if head_of(file.path).startswith(MAGIC) else "sqlite3 .recover"
-        raise InputError(f"{file.given}: damaged{said_of(error)}; copy it again or try `{tool}`") from None
+        how = "cut off" if file.cut else "damaged"
+        raise InputError(f"{file.given}: {how}{said_of(error)}; copy it again or try `{file.mends}`") from None
 
 
 def said_of(error: Exception) -> str:

@@ -22,7 +22,7 @@ from .bag_files import Bag, said_of
 from .measurement import Array
 from .message_fields import fields_of
 from .message_fields import read_field as field_of
-from .order import Place, in_order
+from .order import OUT_OF_ORDER, Place, in_order
 
 TYPES = {name: sensor.message for name, sensor in INSTRUMENTS.items()} | {"pulses": "geometry_msgs/msg/PointStamped"}
 #: Columns that a topic gives; those of pulses are coil, current and how many had fired.
@@ -62,6 +62,9 @@ def read_streams(bag: Bag, wanted: Mapping[str, str], notes: list[str]) -> dict[
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         for reading in mine:
             reading.add(stamp, reading.extract(message), message.header.frame_id)
+    if bag.damaged:
+        for reading in readings:
+            reading.leave_out_odd_stamps()
     return {r.key: r.stream(notes) for r in readings if r.count or r.key == "pose"}
 
 
@@ -172,6 +175,23 @@ class _Reading:
         self._pending.extend(numbers)
         if len(self._pending) >= BLOCK * len(numbers):
             self._settle()
+
+    def leave_out_odd_stamps(self) -> None:
+        """Leave out messages, of a damaged bag, whose stamp is none of theirs: it leaves those of two filed before and
+        two behind it by more than any is filed late."""
+        self._settle()
+        stamps = np.array(self._stamps, np.int64)
+        if len(stamps) < 5:
+            return
+        middle = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(stamps, 2, mode="reflect"), 5), axis=1)
+        good = np.abs(stamps - middle) <= OUT_OF_ORDER * 1e9
+        if good.all():
+            return
+        self.damaged += int((~good).sum())
+        self.count = int(good.sum())
+        self._stamps = array("q", stamps[good].tobytes())
+        self._columns = [array("d", np.array(c)[good].tobytes()) for c in self._columns]
+        self._blank = array("b", np.array(self._blank, np.int8)[good].tobytes()) if self._blank else self._blank
 
     def stream(self, notes: list[str]) -> Stream:
         """The measurements in the order of their stamps."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.state import CHANNELS
 from .csv_cells import NO_READING, NOTHING, is_grouped, is_time, number, shown, split
+from .csv_counted import counted
 from .csv_header import TIME, known_name
 from .csv_layout import INPUT, Column, Layout, find_layout
 from .csv_rows import rows_of_data
@@ -59,7 +60,7 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
     file, notes = Path(file), []
     data = read_text(file, notes)
     layout = find_layout(file, data, dict(inputs or {}), notes)
-    table = _Table(file, layout, rows_of_data(file, data, layout, notes))
+    table = _Table(file, layout, data[: layout.start], rows_of_data(file, data, layout, notes))
     del data
     stamps, columns = table.read(notes)
     numbers = table.numbers()
@@ -81,7 +82,7 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
         values=np.column_stack([columns.pop(c) for c in channels]),
         stamps=stamps,
         numbers=numbers,
-        seconds_stated=bool(table.time.unit) or table.dated,
+        seconds_stated=bool(table.time.unit) or table.dated or table.counted,
         converted={c.name: c.unit for c in layout.columns if c.name in channels and c.factor != 1.0},
         inputs={n.removeprefix(INPUT): (times[~np.isnan(c)], c[~np.isnan(c)]) for n, c in columns.items()},
         notes=tuple(notes),
@@ -94,12 +95,13 @@ def read_csv(file: str | Path, name: str | None = None, inputs: Mapping[str, str
 class _Table:
     """The cells of a body that are read, and where each row of them stands in the file."""
 
-    def __init__(self, file: Path, layout: Layout, body: bytes) -> None:
-        self.file, self.layout, self.body = file, layout, body
+    def __init__(self, file: Path, layout: Layout, above: bytes, body: bytes) -> None:
+        self.file, self.layout, self.above, self.body = file, layout, above, body
         self.known = {c.name for c in layout.columns} | set(CHANNELS)
         self.time = next(c for c in layout.columns if c.name == TIME)
         self.first = self._first_time()
         self.dated = is_time(self.first) and not is_grouped(self.first)
+        self.counted = False
 
     def rows(self) -> Iterator[tuple[int, str]]:
         """Row number as an editor shows it, and text, of every row of data."""
@@ -128,6 +130,9 @@ class _Table:
         times = frame.pop(self.time.place)
         if self.dated:
             stamps = self._dates(times, notes)
+        elif times.isna().all():
+            self.counted = True
+            stamps = counted(self.file, self.above, self.layout, self.numbers(), notes)
         else:
             stamps, said = unwrapped(self._times(self._whole(times) if exact else times.to_numpy()))
             notes += said

@@ -24,7 +24,7 @@ def whole_database(path: Path, given: Path, folder: Path, notes: list[str]) -> P
     """The database at ``path`` (a copy of ``given``, or that itself), or a copy in ``folder`` with what SQLite keeps
     beside ``given``.
 
-    What was taken in and what could not be is added to ``notes``. Raises InputError for a file that is cut off.
+    What was taken in and what could not be is added to ``notes``.
     """
     wal, journal = Path(f"{given}-wal"), Path(f"{given}-journal")
     pages = _pages_written(wal)
@@ -32,7 +32,6 @@ def whole_database(path: Path, given: Path, folder: Path, notes: list[str]) -> P
         notes.append(f"{wal.name} is damaged and not read: messages may be missing")
     undoing = journal.is_file() and head_of(journal).startswith(_ROLLBACK)
     if not pages and not undoing:
-        _check_length(path)
         return path
     folder.mkdir(exist_ok=True)
     copy = folder / "copy.db3"
@@ -92,9 +91,22 @@ def _pages_written(wal: Path) -> int | None:
         return pages
 
 
-def _check_length(file: Path) -> None:
-    """SQLite reads the missing end of a file as zeros; its header says how many pages there should be."""
+def lacks_its_end(file: Path) -> bool:
+    """Whether a database is shorter than its header says."""
+    return file.stat().st_size < _length(file)
+
+
+def with_an_end(path: Path, folder: Path) -> Path:
+    """A copy in ``folder`` of a database that is cut off, with zeros for its end: without it SQLite opens none."""
+    folder.mkdir(exist_ok=True)
+    copy = folder / "lengthened.db3"
+    shutil.copyfile(path, copy)
+    os.truncate(copy, _length(path))
+    return copy
+
+
+def _length(file: Path) -> int:
+    """Bytes that a database should have: its header says how many pages."""
     head = head_of(file)
     page_size, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
-    if file.stat().st_size < pages * (page_size if page_size > 1 else 65536):
-        raise InputError(f"{file}: cut off, its end is missing; copy it again or try `sqlite3 {file.name} .recover`")
+    return pages * (page_size if page_size > 1 else 65536)

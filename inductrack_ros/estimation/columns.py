@@ -11,6 +11,7 @@ import numpy as np
 from ..core.effects import Effect
 from ..core.kernel import QUANTITIES
 from ..core.state import INDEX
+from ..data.stretches import stretches
 from .kalman import Columns
 from .linear import THETA_STEP, forced, mean_pulse, near_track, next_state, pieces, read
 from .problem import Problem
@@ -109,12 +110,6 @@ def differences(
 def _differ(outputs: np.ndarray, changes: np.ndarray) -> np.ndarray:
     """Whether the forces at a node or the next are others in a job than in the first, (n, jobs)."""
     return (outputs != outputs[:, :1]).any(axis=2) | (changes != changes[:, :1]).any(axis=2)
-
-
-def stretches(which: np.ndarray) -> list[tuple[int, int]]:
-    """First node of each stretch of those that are meant (n,), and the one behind its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def of_switch(problem: Problem, fit: Fit, name: str, values: Mapping[str, float] | None = None) -> list[Columns]:
