@@ -13,6 +13,7 @@ import os
 import re
 import shutil
 import tempfile
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +26,7 @@ from . import mcap_salvage, sqlite_salvage
 from .bag_storage import METADATA, ROS1, SQLITE, head_of, storage_files
 from .file_kinds import is_text, kind_of
 from .mcap_salvage import MAGIC, zstd
-from .salvage import Channel, Loss, in_words
+from .salvage import Channel, Found, Loss, in_words
 from .sqlite_files import lacks_its_end, tables_of, whole_database, with_an_end
 
 ZSTD = b"\x28\xb5\x2f\xfd"
@@ -75,9 +76,13 @@ class _File:
         name = self.given.name
         return f"mcap recover {name}" if self.is_mcap else f"sqlite3 {name} .recover"
 
-    def records(self, losses: list[Loss] | None = None) -> Iterator[tuple[Channel, int, bytes]]:
-        """Channel, log time (ns) and bytes of each whole message; where some are lost is added to ``losses``."""
-        return (mcap_salvage if self.is_mcap else sqlite_salvage).salvage(self.path, losses)
+    def found(self) -> Iterator[Found]:
+        """Each whole message and each stretch in which some are lost."""
+        return (mcap_salvage if self.is_mcap else sqlite_salvage).salvage(self.path)
+
+    def records(self) -> Iterator[tuple[Channel, int, bytes]]:
+        """Channel, log time (ns) and bytes of each whole message."""
+        return (one for one in self.found() if not isinstance(one, Loss))
 
     @property
     def promised(self) -> tuple[int, int | None]:
@@ -123,9 +128,9 @@ def open_bag(path: Path, types: Collection[str] = ()) -> Iterator[Bag]:
             parts: dict[tuple[str, str], Topic] = {}
             hurt: dict[_File, str] = {}
             for file in files:
-                losses: list[Loss] = []
                 with _saying_what_is_damaged(file):
-                    for topic in _topics(file, losses):
+                    found_topics, losses = _topics(file)
+                    for topic in found_topics:
                         key = topic.name, topic.msgtype
                         parts[key] = topic.joined(parts.get(key))
                 if file.cut or file.damaged:
@@ -143,7 +148,7 @@ def open_bag(path: Path, types: Collection[str] = ()) -> Iterator[Bag]:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
-def _hurt(file: _File, losses: list[Loss]) -> str:
+def _hurt(file: _File, losses: Iterable[Loss]) -> str:
     """What is wrong with a file that is cut off or damaged, and where."""
     inside = [loss for loss in losses if not (file.cut and loss.before is None)]
     begin = file.promised[1]
@@ -258,21 +263,25 @@ def _under(path: Path, folder: Path, suffix: str) -> Path:
     return link
 
 
-def _topics(file: _File, losses: list[Loss]) -> Iterator[Topic]:
-    """The topics of a file; where it is read record after record what is lost is added to ``losses``."""
-    if file.by_record:
-        counts: dict[tuple[str, str, str], int] = {}
-        for channel, _, _ in file.records(losses):
-            key = channel.topic, channel.msgtype, channel.offered_qos
-            counts[key] = counts.get(key, 0) + 1
-        for (name, msgtype, offered), count in counts.items():
-            lossy = re.search(r"reliability: *['\"]?(2|best_effort)\b", offered) is not None
-            latched = re.search(r"durability: *['\"]?(1|transient_local)\b", offered) is not None
-            yield Topic(name, _as_of_ros2(msgtype), count, lossy, latched)
-        return
-    with Reader(file.path) as reader:
-        for c in reader.connections:
-            yield Topic(c.topic, _as_of_ros2(c.msgtype), c.msgcount, *_offered(c))
+def _topics(file: _File) -> tuple[list[Topic], list[Loss]]:
+    """The topics of a file, and what is lost of one that is read record after record."""
+    if not file.by_record:
+        with Reader(file.path) as reader:
+            found = [Topic(c.topic, _as_of_ros2(c.msgtype), c.msgcount, *_offered(c)) for c in reader.connections]
+        return found, []
+    counts, losses = Counter[Channel](), list[Loss]()
+    for one in file.found():
+        if isinstance(one, Loss):
+            losses.append(one)
+        else:
+            counts[one[0]] += 1
+    return [_topic(channel, count) for channel, count in counts.items()], losses
+
+
+def _topic(channel: Channel, count: int) -> Topic:
+    lossy = re.search(r"reliability: *['\"]?(2|best_effort)\b", channel.offered_qos) is not None
+    latched = re.search(r"durability: *['\"]?(1|transient_local)\b", channel.offered_qos) is not None
+    return Topic(channel.topic, _as_of_ros2(channel.msgtype), count, lossy, latched)
 
 
 def _of_one_type(parts: Iterable[Topic], types: Collection[str], notes: list[str]) -> dict[str, Topic]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import lz4.frame
 
-from .salvage import Channel, Loss
+from .salvage import Channel, Found, Loss
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -43,10 +43,8 @@ _Data = bytes | mmap.mmap
 _Record = tuple[int, bytes]
 
 
-def salvage(file: Path, losses: list[Loss] | None = None) -> Iterator[tuple[Channel, int, bytes]]:
-    """Channel, log time (ns) and bytes of each whole message, in the order of the file. Where messages are lost is
-    added to ``losses``."""
-    losses = [] if losses is None else losses
+def salvage(file: Path) -> Iterator[Found]:
+    """Each whole message and each stretch that is lost, in the order of the file."""
     types: dict[int, str] = {}
     channels: dict[int, Channel] = {}
     last, lost = None, False
@@ -56,19 +54,19 @@ def salvage(file: Path, losses: list[Loss] | None = None) -> Iterator[tuple[Chan
                 _learn(kind, content, types, channels)
         for kind, content in _records(data):
             if kind == _CHANGED:
-                losses.append(Loss(*struct.unpack_from("<QQ", content), changed=True))
+                yield Loss(*struct.unpack_from("<QQ", content), changed=True)
             elif kind in (_SCHEMA, _CHANNEL):
                 lost |= not _learn(kind, content, types, channels)
             elif kind == _MESSAGE and len(content) >= 22 and (channel := channels.get(_u16(content, 0))) is not None:
                 time = struct.unpack_from("<Q", content, 6)[0]
                 if lost:
-                    losses.append(Loss(last, time))
+                    yield Loss(last, time)
                 last, lost = time, False
                 yield channel, time, content[22:]
             else:
                 lost |= kind in (_LOST, _MESSAGE)
     if lost:
-        losses.append(Loss(last, None))
+        yield Loss(last, None)
 
 
 def is_whole(file: Path) -> bool:

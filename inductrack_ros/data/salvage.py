@@ -30,6 +30,10 @@ class Loss:
     changed: bool = False
 
 
+#: A whole message (channel, log time in ns, bytes), or a stretch of the file in which some are lost.
+Found = tuple[Channel, int, bytes] | Loss
+
+
 def in_words(losses: Iterable[Loss], begin: int) -> str:
     """Where a file is damaged, in seconds from the log time ``begin`` (ns)."""
     stretches = [(_between(loss, begin), loss.changed) for loss in losses]

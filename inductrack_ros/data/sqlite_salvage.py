@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
 
-from .salvage import Channel, Loss
+from .salvage import Channel, Found, Loss
 
 #: No bag has so many messages.
 _MOST = 1 << 40
@@ -29,10 +29,9 @@ def is_whole(path: Path) -> bool:
         return False
 
 
-def salvage(path: Path, losses: list[Loss] | None = None) -> Iterator[tuple[Channel, int, bytes]]:
-    """Channel, log time (ns) and bytes of each whole message, in the order of their ids. Where some are lost is added
-    to ``losses``. Raises sqlite3.Error where the topics cannot be read."""
-    losses = [] if losses is None else losses
+def salvage(path: Path) -> Iterator[Found]:
+    """Each whole message and each stretch that is lost, in the order of their ids. Raises sqlite3.Error where the
+    topics cannot be read."""
     with contextlib.closing(_opened(path)) as database:
         channels = _channels(database)
         last, row = None, 0
@@ -46,7 +45,7 @@ def salvage(path: Path, losses: list[Loss] | None = None) -> Iterator[tuple[Chan
             found = _first(database, row + 1)
             if found is None:
                 found = _behind(database, row + 1)
-                losses.append(Loss(last, found and found[2]))
+                yield Loss(last, found and found[2])
             if found is None:
                 return
             row, topic, last, data = found
