@@ -83,8 +83,8 @@ def _outside(
         return now, [Finding("unit", IMPOSSIBLE, text, remedy, channel, size=size)]
     if spread < room or not fits:
         remedy = (
-            "its zero is where all three gaps are the nominal gap: subtract what it reads there; if that is 0, its gain is"
-            " wrong"
+            "its zero is where all three gaps are the nominal gap: subtract what it reads there; if that is 0, its gain"
+            " is wrong"
             if spread < room
             else "look at its unit"
         )
