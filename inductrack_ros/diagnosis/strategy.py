@@ -182,7 +182,11 @@ def add_known(task: Task, state: State) -> State:
     found = plainest(task, tried)
     if found.cost(task) > state.cost(task):
         return state.told(f"{' + '.join(found.added)} promises more than it keeps")
-    return add_background(task, found)
+    known = [t for t in tried if t.known != state.known]
+    if not found.stands_in or state.stands_in or not known:
+        return add_background(task, found)
+    # The force was refitted beside less noise. Each is judged beside the noise that suits it.
+    return plainest(task, [add_background(task, t) for t in (found, plainest(task, known))])
 
 
 def best_kept(task: Task, state: State, screening: Screening) -> State:
