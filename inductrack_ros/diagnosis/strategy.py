@@ -69,20 +69,17 @@ def search(task: Task, state: State) -> State:
         if state.stopped or left == grown or left in revised:
             break
         revised.append(left)  # something went: what is missing beside the rest is asked anew
-    if state.stopped or state.verdict == "unknown_effect":
+    if state.stopped:
+        return likeliest(task, state)
+    if len(state.added) > MOST_EFFECTS:
+        doubt = f"{len(state.added)} effects are more than {MOST_EFFECTS}: the model is too far from the rig to be sure"
+        return _led(task, start, replace(state.told(doubt), far=True))
+    if state.verdict == "unknown_effect":
         return likeliest(task, state)
     state = last_screened(task, likeliest(task, state))
-    if not (doubt := doubt_about(state)):
+    if not (promise := unkept(state)):
         return state
-    return _led(task, start, replace(state.told(doubt), far=True))
-
-
-def doubt_about(state: State) -> str:
-    """Why the known effects of an answer may only be like what is missing; empty where nothing says so."""
-    if len(state.added) > MOST_EFFECTS:
-        return f"{len(state.added)} effects are more than {MOST_EFFECTS}: this model is too far from the rig to be sure"
-    promise = unkept(state)
-    return f"{promise} promises much beside that, and keeps none" if promise else ""
+    return _led(task, start, replace(state.told(f"{promise} promises much beside that, and keeps none"), far=True))
 
 
 def unkept(state: State) -> str:
