@@ -9,7 +9,7 @@ import numpy as np
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
-from inductrack_ros.diagnosis.background import timed
+from inductrack_ros.diagnosis.background import quieter, timed
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.forces import promised
 from inductrack_ros.diagnosis.moves import State, Task, shaken
@@ -33,7 +33,8 @@ def test_a_ripple_of_the_thrust_that_hum_and_colour_hide_is_found(tmp_path):
     task, state = Task(problem, given=problem.channels), State(hidden)
     assert hidden.deviance < base.deviance - 20  # noise explains more than a shaken rig does
     assert not shaken(task, state)
-    first = promised(task, state, linearise_all(problem, hidden))[0]
+    systems = linearise_all(problem, hidden)
+    first = promised(task, state, systems, quieter(problem, hidden, task.given, systems))[0]
     assert (first.law.acts_on, first.law.variable) == ("thrust", "surge")
     assert not {HUM, COLOURED} & {p.kind for p in first.beside.fit.processes}
     found = add_unknown(task, state)

@@ -7,7 +7,7 @@ smaller of two in version 0.6.2. The two aims are the part explained and the len
 lie on the diagnosis's smooth curve, densest where the curve is known best, for it takes no weights.
 
 What helps it: each expression of both fronts has its constants refitted to what the data say of the table, with full
-covariance, and BIC then chooses; constants that do the same count as one. What hurts it: the smooth curve rounds
+covariance. BIC then chooses. Constants that do the same count as one. What hurts it: the smooth curve rounds
 corners and jumps, and the search begins from that."""
 
 from __future__ import annotations

@@ -151,7 +151,7 @@ def _without(run: Run, findings: list[Finding]) -> Run:
         elif finding.channel in run.channels:
             values[rows, run.channels.index(finding.channel)] = np.nan
     emptied = run.measured.any(axis=0) & np.isnan(values[kept]).all(axis=0)
-    held = [not gone for gone in emptied]
+    held = ~emptied
     start = run.times[kept][0]
     pulses = run.pulses and replace(run.pulses, times=run.pulses.times - start)
     inputs = {name: (times - start, readings) for name, (times, readings) in run.inputs.items()}

@@ -201,9 +201,8 @@ def families(
     return [one for one in found if one]
 
 
-def backgrounds(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[LinearRun]) -> list[Background]:
-    """The background of a fit, and of each `quieter` one."""
-    fits = quieter(problem, f, given, plain)
+def backgrounds(problem: Problem, given: Sequence[str], fits: Sequence[Fit]) -> list[Background]:
+    """The background of each fit."""
     return [Background(x.power, x.processes, price(problem, given, x.processes)) for x in fits]
 
 
@@ -214,7 +213,7 @@ def quieter(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[Line
     The disturbances are settled along the trajectories of the fit, which stay."""
     kinds = list(dict.fromkeys(p.kind for p in f.processes if optional(p, given)))
     left_out = [{k} for k in kinds] + ([set(kinds)] if len(kinds) > 1 else [])
-    power = np.maximum(f.power, ANEW * first_power(problem, f.structure, f.point)) if kinds else f.power
+    power = np.maximum(f.power, ANEW * first_power(problem, plain)) if kinds else f.power
     found = [f]
     for out in left_out:
         fewer = tuple(p for p in f.processes if p.kind not in out or not optional(p, given))

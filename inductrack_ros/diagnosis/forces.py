@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ..estimation.kalman import LinearRun
-from .background import quieter
+from ..estimation.shooting import Fit
 from .belonging import odd_run
 from .moves import State, Task, law_price, shaken, smoothed_anew, with_law
 from .screening import Law, laws
@@ -24,11 +24,11 @@ class Promise:
     cost: float
 
 
-def promised(task: Task, state: State, systems: Sequence[LinearRun]) -> list[Promise]:
+def promised(task: Task, state: State, systems: Sequence[LinearRun], quieter: Sequence[Fit]) -> list[Promise]:
     """The forces that gain more than a law costs beside a state or beside less noise, the cheapest first; ``systems``
-    are the runs linearised about its trajectories."""
+    are the runs linearised about its trajectories, ``quieter`` as `background.quieter` gives it."""
     found = []
-    for quiet in quieter(task.problem, state.fit, task.given, systems):
+    for quiet in quieter:
         beside = replace(state, fit=quiet)
         cost = beside.cost(task) + law_price()
         tables = laws(task.problem, quiet, systems, shaken(task, beside, systems))

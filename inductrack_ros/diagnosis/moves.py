@@ -112,11 +112,18 @@ def shaken(task: Task, state: State, systems: Sequence[LinearRun] | None = None)
     return found
 
 
-def screened(task: Task, state: State, systems: Sequence[LinearRun] | None = None, wavy: bool = True) -> Screening:
-    """All candidates beside a state's fit and each background that may stand beside it; ``wavy``: waves of the track
-    too."""
+def screened(
+    task: Task,
+    state: State,
+    systems: Sequence[LinearRun] | None = None,
+    quiet: Sequence[Fit] | None = None,
+    wavy: bool = True,
+) -> Screening:
+    """All candidates beside a state's fit and each background that may stand beside it; ``quiet`` as
+    `background.quieter` gives it, ``wavy``: waves of the track too."""
     systems = systems or linearise_all(task.problem, state.fit)
-    beside = background.backgrounds(task.problem, state.fit, task.given, systems)
+    quiet = quiet or background.quieter(task.problem, state.fit, task.given, systems)
+    beside = background.backgrounds(task.problem, task.given, quiet)
     return screen(task.problem, state.fit, systems, beside, wavy)
 
 
@@ -355,7 +362,9 @@ def without(task: Task, state: State, name: str, floor: float = 0.0) -> State:
     f = state.fit
     structure = f.structure.minus(name)
     kept = [f.structure.free.index(n) for n in structure.free]
-    power = np.maximum(f.power, floor * first_power(task.problem, f.structure, f.point)) if floor else f.power
+    power = f.power
+    if floor:
+        power = np.maximum(power, floor * first_power(task.problem, linearise_all(task.problem, f)))
     new = fit(task.problem, structure, replace(f.point, theta=f.theta[kept], power=power), REFIT_STEPS)
     price = state.price - _share(task, state, name)
     left = {

@@ -154,7 +154,8 @@ def add_known(task: Task, state: State) -> State:
     state = replace(state, far=False)
     systems = linearise_all(task.problem, state.fit)
     lacking = shaken(task, state, systems)
-    screening = screened(task, state, systems, wavy=bool(lacking))
+    quiet = background.quieter(task.problem, state.fit, task.given, systems)
+    screening = screened(task, state, systems, quiet, wavy=bool(lacking))
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
     pays = bool(screening.sets) and screening.sets[0].cost <= screening.scores.plain
     if pays and len(state.added) >= MOST_EFFECTS:
@@ -169,7 +170,7 @@ def add_known(task: Task, state: State) -> State:
         return add_background(task, exact[0])
     tried = [best_kept(task, state, screening)] if pays else []
     tried += [settled(task, t) for t in all_refitted(task, state, seen, screening.family)]
-    forces = promised(task, state, systems) if lacking and not state.stands_in else []
+    forces = promised(task, state, systems, quiet) if lacking and not state.stands_in else []
     if forces and forces[0].cost < min((s.cost(task) for s in tried), default=state.cost(task)) + NEAR:
         if (forced := best_force(task, state, forces)).odd:
             return forced
@@ -254,7 +255,8 @@ def add_unknown(task: Task, state: State) -> State:
     """Add a force of any shape where one is still missing."""
     if state.stands_in:
         return state
-    forces = promised(task, state, linearise_all(task.problem, state.fit))
+    systems = linearise_all(task.problem, state.fit)
+    forces = promised(task, state, systems, background.quieter(task.problem, state.fit, task.given, systems))
     if not forces:
         return state.told("no force of any shape is missing")
     found = best_force(task, state, forces)

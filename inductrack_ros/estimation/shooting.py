@@ -119,17 +119,17 @@ def fit(
         return (exactly if point.exact else _descended)(problem, structure, point, steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
     point = Point(np.clip(structure.start, *structure.bounds), paths, np.zeros(4), tuple(processes))
-    point = replace(point, power=first_power(problem, structure, point))
+    point = replace(point, power=first_power(problem, linearise_all(problem, point, structure)))
     first = _descended(problem, structure, point, steps)
     return _descended(problem, structure, replace(first.point, processes=tightened(first.processes)), steps)
 
 
-def first_power(problem: Problem, structure: Structure, point: Point) -> np.ndarray:
-    """The power (4,) with which a fit begins: none in a coordinate that no reading shows.
+def first_power(problem: Problem, systems: Sequence[LinearRun]) -> np.ndarray:
+    """The power (4,) with which a fit begins: none in a coordinate that no reading of the linear runs shows.
 
     What shakes such a coordinate shows at second order alone, through what it does to the others. A power that is free
     there throws it far off, until it explains whatever the others lack."""
-    return np.where(_shown(linearise_all(problem, point, structure)), FIRST_POWER, 0.0) * problem.model.moving
+    return np.where(_shown(systems), FIRST_POWER, 0.0) * problem.model.moving
 
 
 def exactly(
