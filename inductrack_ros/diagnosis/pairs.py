@@ -7,12 +7,12 @@ a table is judged by how much more probable it makes what they did not see."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.effects.stand_in import basis, over
+from ..core.effects.stand_in import over
 from ..estimation.kalman import Columns, LinearRun, log_determinant, run_filter
 from ..estimation.likelihood import tally
 from ..estimation.linear import acting, force_columns, histories
@@ -20,15 +20,13 @@ from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.scores import shares_in, widened
 from ..estimation.shooting import ANEW, Fit, linearise_all
-from .factor import Factor
+from .factor import FACTORS, Factor, factors_of
 from .laws.forms import ALONG
 from .moves import State, Task, law_price, shaken, smoothed_anew, with_law, without
-from .screening import FINE_SHARES, Law, span_of
+from .screening import FINE_SHARES, Asked, Law, spans_of
 from .settings import COARSE, FINE, MEDIUM, TWINS
 from .smooth import Smooth, smoothest_of
 
-#: What any force may be multiplied by, with its power; its own coordinate and rate come to these.
-FACTORS = (("surge_rate", 1), ("surge_rate", 2), ("time", 1), ("sway", 1), ("roll", 1))
 #: Products that are laid on a finer table and refitted.
 REFITTED = 2
 #: A product is to be this much cheaper than a force on one variable: then chance does not choose it.
@@ -36,22 +34,6 @@ SURER = TWINS + 2.0 * float(np.log(len(FACTORS) + 2))
 
 #: Least eigenvalue of normal equations with a unit diagonal: what is below is rounding.
 LEAST = 1e-14
-
-
-@dataclass(frozen=True)
-class Asked:
-    """A table that is asked for: over a variable from ``start`` in ``count`` − 1 steps of ``step``, times a factor."""
-
-    variable: str
-    start: float
-    step: float
-    count: int
-    factor: Factor | None
-
-    def entries(self, along: Mapping[str, np.ndarray]) -> np.ndarray:
-        """What its entries give along histories (n,), (n, count)."""
-        found = basis(along[self.variable], self.start, self.step, self.count)
-        return found if self.factor is None else found * self.factor.at(along)[:, None]
 
 
 @dataclass(frozen=True)
@@ -99,10 +81,10 @@ def _tried(task: Task, plain: State, systems: Sequence[LinearRun], on: str) -> l
     problem, f = task.problem, plain.fit
     task.say(f"forces in {on} on two variables")
     runs = [histories(d, path) for d, path in zip(problem.runs, f.paths, strict=True)]
-    spans = {v: span for v in runs[0] if (span := span_of([r[v] for r in runs])) is not None}
+    spans = spans_of(runs)
     singles = [t for v, s in spans.items() for t in _tables(v, s, None, (MEDIUM, FINE) if v in ALONG else (MEDIUM,))]
     rough = [
-        t for factor in _factors(on, runs, spans) for v, s in spans.items() if v != factor.variable
+        t for factor in factors_of(on, runs, spans) for v, s in spans.items() if v != factor.variable
         for t in _tables(v, s, factor, (MEDIUM,) if v in ALONG else (COARSE,))
     ]  # fmt: skip
     promised = promises(problem, f, systems, on, [*singles, *rough])
@@ -132,12 +114,6 @@ def _refitted(task: Task, plain: State, on: str, p: Promise, known: Promise) -> 
         f"times {a.factor.label if a.factor else ''}: takes {p.unseen:.0f} off runs left out, the best on one variable"
         f" ({known.asked.variable}) {known.unseen:.0f}"
     )
-
-
-def _factors(on: str, runs: Sequence[Mapping[str, np.ndarray]], spans: Mapping[str, object]) -> list[Factor]:
-    own = () if on == "surge" else ((on, 1), (f"{on}_rate", 1))
-    wanted = dict.fromkeys((*FACTORS, *own))
-    return [Factor.over(v, p, [r[v] for r in runs]) for v, p in wanted if v in spans]
 
 
 def _tables(variable: str, span: tuple[float, float], factor: Factor | None, sizes: Sequence[int]) -> list[Asked]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from ..core.effects import Effect, catalogue
-from ..core.effects.stand_in import VARIABLES, basis, over
+from ..core.effects.stand_in import VARIABLES, basis, over, parameters
 from ..core.state import COORDINATES, MOVING
 from ..estimation import columns
 from ..estimation.kalman import Columns, LinearRun, log_determinant, run_filter
@@ -23,6 +23,7 @@ from ..estimation.scores import TWO_SHARES, Background, Scores, pushed_by, score
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
 from . import placed, unheard
+from .factor import Factor
 from .laws.forms import ALONG
 from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, LEVEL, MEDIUM
 from .smooth import Smooth, smoothest_of
@@ -391,19 +392,50 @@ class Law:
 
 
 @dataclass(frozen=True)
+class Asked:
+    """A table that is asked for: over a variable from ``start`` in ``count`` − 1 steps of ``step``, times a factor."""
+
+    variable: str
+    start: float
+    step: float
+    count: int
+    factor: Factor | None = None
+
+    def entries(self, along: Mapping[str, np.ndarray]) -> np.ndarray:
+        """What its entries give along histories (n,), (n, count)."""
+        found = basis(along[self.variable], self.start, self.step, self.count)
+        return found if self.factor is None else found * self.factor.at(along)[:, None]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """As a stand-in has it, without values."""
+        times = self.factor.parameters if self.factor else {}
+        return {**parameters(self.variable, self.start, self.step), **times}
+
+    @property
+    def swings(self) -> bool:
+        """Whether it is over a variable along which a force may change often."""
+        return self.variable in ALONG
+
+
+@dataclass(frozen=True)
 class Equations:
     """Normal equations of a table of a force: its matrix ``gram`` (l, l) and right-hand side ``score`` (l,) over noise,
     all else projected out. They hold at a ``power`` (4,) of the disturbances that alone raises the deviance by
     ``rise``."""
 
     acts_on: str
-    variable: str
-    start: float
-    step: float
+    asked: Asked
     gram: np.ndarray
     score: np.ndarray
     power: np.ndarray
     rise: float
+
+    def law(self, samples: int) -> Law:
+        """The force with the table that the equations ask for, and its gain over no force."""
+        a, table = self.asked, smoothest_of(self.gram, self.score, samples, self.asked.swings)
+        times = a.factor.parameters if a.factor else {}
+        return Law(self.acts_on, a.variable, a.start, a.step, table, table.promise - self.rise, self.power, times)
 
 
 def laws(
@@ -416,45 +448,47 @@ def laws(
     """Forces of any shape on all they may act on, most telling first; with ``fine`` tables where something is known to
     be missing."""
     best: dict[tuple[str, str], Law] = {}
-    for e in equations(problem, fit, systems, fine, variables):
-        table = smoothest_of(e.gram, e.score, problem.samples, e.variable in ALONG)
-        law = Law(e.acts_on, e.variable, e.start, e.step, table, table.promise - e.rise, e.power)
-        best[e.acts_on, e.variable] = max(best.get((e.acts_on, e.variable), law), law, key=lambda x: x.gain)
+    for e in equations(problem, fit, systems, tables_on_one(problem, fit, fine, variables), fine):
+        law = e.law(problem.samples)
+        best[law.acts_on, law.variable] = max(best.get((law.acts_on, law.variable), law), law, key=lambda x: x.gain)
     return sorted(best.values(), key=lambda x: -x.gain)
 
 
-def equations(
-    problem: Problem,
-    fit: Fit,
-    systems: Sequence[LinearRun],
-    fine: Sequence[str],
-    variables: Sequence[str] | None = None,
-) -> list[Equations]:
-    """The normal equations of every table, on all that a force may act on and beside each share of its own power."""
-    runs = [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
-    spans = {
-        v: span
-        for v in runs[0]
-        if (variables is None or v in variables) and (span := span_of([r[v] for r in runs])) is not None
+def tables_on_one(
+    problem: Problem, fit: Fit, fine: Sequence[str], variables: Sequence[str] | None = None
+) -> dict[str, list[Asked]]:
+    """The tables of forces on one variable, for all that a force may act on."""
+    spans = spans_of([histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)])
+    spans = {v: span for v, span in spans.items() if variables is None or v in variables}
+    return {
+        on: [
+            Asked(v, *over(*span, n))
+            for v, span in asked_over(on, spans).items()
+            for n in sizes_of(v, pushed_by(on) in fine)
+        ]
+        for on in acted_on(problem, fit)
     }
+
+
+def equations(
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], tables: Mapping[str, Sequence[Asked]], fine: Sequence[str]
+) -> list[Equations]:
+    """The normal equations of tables of forces on each coordinate (or the thrust), beside each share of its own
+    power."""
+    runs = [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
     plain = scores(problem, fit, {}, systems).plain
     found: list[Equations] = []
-    for on in acted_on(problem, fit):
-        finely = pushed_by(on) in fine
-        tables = [
-            (v, *over(low, high, n)) for v, (low, high) in asked_over(on, spans).items() for n in sizes_of(v, finely)
-        ]
+    for on, asked in tables.items():
 
-        def parts(i: int, on=on, tables=tables) -> Columns:
-            shapes = np.hstack([basis(runs[i][v], start, step, count) for v, start, step, count in tables])
+        def parts(i: int, on=on, asked=asked) -> Columns:
+            shapes = np.hstack([a.entries(runs[i]) for a in asked])
             forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], on, shapes)
             return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
-        powers = shares_in(fit.power, on, FINE_SHARES if finely else COARSE_SHARES)
-        told = _blocks(problem, fit, systems, parts, [t[3] for t in tables], powers)
+        powers = shares_in(fit.power, on, FINE_SHARES if pushed_by(on) in fine else COARSE_SHARES)
+        told = _blocks(problem, fit, systems, parts, [a.count for a in asked], powers)
         for power, (gram, score, base) in zip(powers, told, strict=True):
-            for (variable, start, step, _), A, b in zip(tables, gram, score, strict=True):
-                found.append(Equations(on, variable, start, step, A, b, power, base - plain))
+            found += [Equations(on, *e, power, base - plain) for e in zip(asked, gram, score, strict=True)]
     return found
 
 
@@ -491,6 +525,11 @@ def sizes_of(variable: str, fine: bool) -> tuple[int, ...]:
     if not fine:
         return (COARSE,)
     return (MEDIUM, FINE) if variable in ALONG else (MEDIUM,)
+
+
+def spans_of(runs: Sequence[Mapping[str, np.ndarray]]) -> dict[str, tuple[float, float]]:
+    """Ranges of the variables that move, of their histories in all runs."""
+    return {v: span for v in runs[0] if (span := span_of([r[v] for r in runs])) is not None}
 
 
 def span_of(values: Sequence[np.ndarray]) -> tuple[float, float] | None:

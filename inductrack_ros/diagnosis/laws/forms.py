@@ -32,7 +32,9 @@ RATES = ("sway_rate", "heave_rate", "roll_rate")
 ANY = VARIABLES
 #: A form's expression means by ``math``, ``max`` and ``min`` what a compiled effect means by them, for whole arrays.
 _NAMES = {
-    "math": types.SimpleNamespace(exp=np.exp, tanh=np.tanh, sin=np.sin, cos=np.cos, copysign=np.copysign, sqrt=np.sqrt, pi=math.pi, e=math.e),
+    "math": types.SimpleNamespace(
+        exp=np.exp, tanh=np.tanh, sin=np.sin, cos=np.cos, copysign=np.copysign, sqrt=np.sqrt, pi=math.pi, e=math.e
+    ),
     "abs": np.abs,
     "max": np.maximum,
     "min": np.minimum,
