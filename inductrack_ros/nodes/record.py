@@ -8,7 +8,7 @@ import sys
 import time
 from datetime import datetime
 from functools import partial
-from itertools import chain, count
+from itertools import chain, count, islice
 from pathlib import Path
 
 from rclpy.node import Node
@@ -20,7 +20,7 @@ from ..core.errors import InputError
 from .bag import SegmentedBag
 from .domain import reach
 from .ending import STOP
-from .messages import message_class
+from .messages import message_class, waiting
 from .runtime import NAMESPACE, every, run
 
 QUEUE_DEPTH = 20000  # messages a topic may bring while one second is being written
@@ -89,30 +89,28 @@ class Recorder(Node):
             message_class(type_name), topic, partial(self._take, topic), qos, raw=True
         )
 
-    def _take(self, topic: str, data: bytes) -> None:
-        self._keep(topic, data)
-        self._take_waiting(topic)  # one after another through the executor would cost five times as much
+    def _take(self, topic: str, data: bytes, info: dict[str, int]) -> None:
+        self._keep(topic, data, info)
+        self._take_waiting(topic)
 
     def _take_waiting(self, topic: str) -> None:
         """Keep what lies in the topic's queue now."""
-        subscription = self._subscriptions_by_topic[topic]
-        for _ in range(QUEUE_DEPTH):
-            taken = subscription.handle.take_message(subscription.msg_type, True)
-            if taken is None:
-                return
-            self._keep(topic, taken[0])
+        for data, info in islice(waiting(self._subscriptions_by_topic[topic]), QUEUE_DEPTH):
+            self._keep(topic, data, info)
 
-    def _keep(self, topic: str, data: bytes) -> None:
-        """Hold a message for the bag, unless it comes after the end that was asked for."""
-        if self._begun is None:
-            self._begun = time.monotonic()
+    def _keep(self, topic: str, data: bytes, info: dict[str, int]) -> None:
+        """Hold a message for the bag, unless it came after the end that was asked for. On a busy machine it may have
+        come long before it is kept."""
+        received = info["received_timestamp"] or time.time_ns()  # 0: this middleware does not say
+        waited = max(0, time.time_ns() - received) / 1e9
+        came = time.monotonic() - waited  # a clock that is set must not end the recording
+        self._begun = came if self._begun is None else min(self._begun, came)
         if self._options.stamp == "header":
             at = stamp_ns(data)
             passed = at - self._begin_of(topic, at)
             self._passed[topic] = max(self._passed.get(topic, 0), passed)
         else:
-            at = time.time_ns()
-            passed = (time.monotonic() - self._begun) * 1e9
+            at, passed = received, (came - self._begun) * 1e9
         if passed <= self._last:
             self._bag.write(topic, at, data)
             self._kept_at = time.monotonic()

@@ -23,6 +23,7 @@ from .diagnostics import PERIOD, Diagnostics, strangers
 from .domain import reach
 from .drive import PulseQueue
 from .listeners import Answerers
+from .messages import waiting
 from .overrides import Overrides
 from .parameters import (
     declare,
@@ -280,11 +281,10 @@ class SimNode(Node):
         Time goes on under a flood too: after a command that is refused, and after as long as a tick lasts.
         """
         refused, until = self.queue.refused, time.monotonic() + 1.0 / self._options["rate"]
-        while self.queue.refused == refused and time.monotonic() < until:
-            taken = self._commands.handle.take_message(PointStamped, False)
-            if taken is None:
+        for command, _ in waiting(self._commands):
+            self._take_pulse(command)
+            if self.queue.refused > refused or time.monotonic() > until:
                 return
-            self._take_pulse(taken[0])
 
     def _take_pulse(self, message: PointStamped) -> None:
         at = (nanoseconds_of(message.header.stamp) - self._zero) / 1e9

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from itertools import islice
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,7 +24,7 @@ from sensor_msgs.msg import Range
 from .. import frames
 from ..core.errors import InputError
 from ..core.state import COORDINATES, FURTHER_SENSORS, GAPS, INSTRUMENTS, RATES
-from .messages import flat, message_class, plain
+from .messages import flat, message_class, plain, waiting
 from .runtime import every, run
 from .topics import message_type, nanoseconds_of, read_fields
 from .watch_view import View, line, screen, words_of_list
@@ -81,11 +82,8 @@ class Watcher(Node):
     def take_all(self) -> None:
         """Hand out what came since the last time."""
         for subscription, into in self._taken:
-            for _ in range(subscription.qos_profile.depth):
-                found = subscription.handle.take_message(subscription.msg_type, False)
-                if found is None:
-                    break
-                into(found[0])
+            for message, _ in islice(waiting(subscription), subscription.qos_profile.depth):
+                into(message)
 
     def offered(self) -> dict[str, list[str]]:
         """Topics that somebody publishes, with their types."""
