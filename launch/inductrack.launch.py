@@ -99,7 +99,7 @@ def _namespace(name: str, context: LaunchContext) -> str:
     try:
         validate_namespace(namespace)
     except InvalidNamespaceException as error:
-        raise InputError(f"namespace:={name}: {str(error).splitlines()[0]}") from None
+        raise InputError(f"namespace:={name}: {str(error).splitlines()[0].rstrip(':')}") from None
     return namespace
 
 

@@ -84,6 +84,12 @@ def test_what_the_rig_needs_ends_the_launch_when_it_ends():
     assert {name for name, one in found.items() if one.needed} == {"sim", "track_controller", "record"}
 
 
+def test_an_initial_state_that_cannot_be_read_is_refused():
+    """A recorder once began before the simulator refused it."""
+    with pytest.raises(InputError, match="initial_state: 'surge_rate' is not NAME=NUMBER"):
+        planned(initial_state="surge_rate", bag="run")
+
+
 def test_a_file_that_cannot_be_read_is_refused():
     with pytest.raises(InputError, match="none.yaml: no such file"):
         planned(params_file="none.yaml")
@@ -193,6 +199,7 @@ def test_a_bag_holds_the_run_from_its_first_message(ros, launched, pulses_file):
     [
         ("monitor:=yes", 'Argument "monitor" provided value "yes" is not valid'),
         ("namespace:=it's", "namespace:=it's: Invalid namespace"),
+        ("bag:=run initial_state:=fast", "initial_state: 'fast' is not NAME=NUMBER"),
         ("params_file:=none.yaml", "none.yaml: no such file"),
         ("rviz:=true", "rviz2 is not installed"),
     ],

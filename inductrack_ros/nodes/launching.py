@@ -15,6 +15,7 @@ from difflib import get_close_matches
 from ..core.options import DRIVES, SIM
 from ..core.parameter_files import merged, read_blocks
 from .runtime import NAMESPACE
+from .simulation import parse_initial_state
 
 ON_OFF = ("true", "false")
 OPEN = ("", *ON_OFF)
@@ -91,6 +92,7 @@ def plan(given: Mapping[str, str], namespace: str) -> list[Started]:
     file = merged(block for block in read_blocks(given["params_file"]) if block.is_for(f"{namespace.rstrip('/')}/sim"))
     asked = {name: given[name] for name in ("drive", "initial_state", "frame_prefix") if given[name]}
     asked |= {name: given[name] == "true" for name in ("lockstep", "publish_clock") if given[name]}
+    parse_initial_state(asked.get("initial_state", ""))
     clock = {"use_sim_time": given["use_sim_time"] == "true"} if given["use_sim_time"] else {}
     if clock.get("use_sim_time"):
         asked.setdefault("publish_clock", True)
