@@ -91,6 +91,25 @@ def test_colcon_test_runs_the_tests(workspace):
     assert re.search(r"[1-9]\d* tests, 0 errors, 0 failures", result), result
 
 
+def without_rosdep_key() -> set[str]:
+    """Packages of the distribution that package.xml can name in a comment only."""
+    comment = re.search(r"<!-- Without a rosdep key .*? apt install (.*?) -->", (ROOT / "package.xml").read_text())
+    return set(comment[1].split())
+
+
+def test_pages_and_hosted_ci_install_what_has_no_rosdep_key():
+    for name in ("docs/installation.md", ".github/workflows/ci.yml"):
+        line = re.search(r"apt(?:-get)? install (.*python3-.*)", (ROOT / name).read_text())
+        assert without_rosdep_key() <= set(line[1].split()), name
+
+
+def test_hosted_ci_asks_make_for_what_it_has():
+    jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"].values()
+    commands = " ".join(step.get("run", "") for job in jobs for step in job["steps"])
+    asked = set(re.findall(r"\bmake (\w+)", commands))
+    assert asked and asked <= set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+
+
 def test_package_xml_agrees_with_setup_py():
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
     text = (ROOT / "setup.py").read_text()
@@ -114,8 +133,7 @@ def test_package_xml_agrees_with_setup_py():
     assert ros <= keys and {"launch", "launch_ros"} <= keys
     for name in ast.literal_eval(arguments["install_requires"]):
         name = re.split(r"[<>=]", name)[0]
-        # No rosdep key; package.xml says what to do.
-        if name not in ("setuptools", "markupsafe", "plotly", "threadpoolctl", "xarray"):
+        if name != "setuptools" and f"python3-{name}" not in without_rosdep_key():
             assert {"PyYAML": "python3-yaml", "rosbags": "python3-rosbags-pip"}.get(name, f"python3-{name}") in keys
 
 
