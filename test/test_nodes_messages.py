@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu, Range
 
@@ -102,3 +103,25 @@ def test_the_cradle_stands_in_the_track():
     to = one.transform.translation
     assert (one.header.frame_id, one.child_frame_id) == ("track", "cradle")
     assert (to.x, to.y, to.z) == pytest.approx((3.0, 0.001, -0.004))
+
+
+def test_transforms_are_reliable_and_prefixed_whatever_the_rest_is(ros):
+    """A listener of tf2 asks for a reliable /tf, and for a /tf_static that waits for who comes late."""
+    kind = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs comes with a ROS 2 distribution").TFMessage
+    options = {name: one.default for name, one in SIM.items()} | {"frame_prefix": PREFIX, "reliability": "best_effort"}
+    topics = SimulatorTopics(ros.node, [], options)
+    topics.places(STAMP, MODEL.parameters)
+    heard: dict[str, list] = {"/tf": [], "/tf_static": []}
+    for topic, durability in (("/tf", DurabilityPolicy.VOLATILE), ("/tf_static", DurabilityPolicy.TRANSIENT_LOCAL)):
+        asked = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+        ros.node.create_subscription(kind, topic, heard[topic].append, asked)
+    x = MODEL.initial_state(surge_rate=20.0)
+
+    def again():
+        topics.details(STAMP, x, channels(x, MODEL.quantities(x)), MODEL.wrenches(x, 0.0), MODEL.parameters)
+        return all(heard.values())
+
+    ros.wait(again, "both kinds of transforms")
+    (cradle,) = heard["/tf"][0].transforms
+    assert (cradle.header.frame_id, cradle.child_frame_id) == ("rig1/track", "rig1/cradle")
+    assert {t.child_frame_id for t in heard["/tf_static"][0].transforms} == {PREFIX + gap for gap in GAPS}
