@@ -15,7 +15,7 @@ What helps it: the compiled simulator and its derivatives, the growing horizon o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -86,7 +86,10 @@ class Refitter:
     def linearise(self, structure: Structure, z: np.ndarray, reuse: Linear | None = None) -> Linear:
         """Residuals and derivatives at z; with ``reuse`` those by the initial states are an earlier fit's nearby."""
         g = len(structure.free)
-        return self.problem.linearise(structure, z[:g], self.states(z, g), reuse)
+        if reuse is None:
+            return self.problem.linearise(structure, z[:g], self.states(z, g))
+        parts = self.problem.linearise(structure, z[:g], self.states(z, g), sides=())
+        return [replace(part, by_state=old.by_state) for part, old in zip(parts, reuse, strict=True)]
 
     def fit(self, structure: Structure, z: np.ndarray, evaluations: int, reuse: Linear | None = None) -> Fitted:
         """From z, at most so many evaluations. A weak prior holds what the data say nothing about.

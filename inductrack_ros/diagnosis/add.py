@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -41,7 +40,6 @@ def add_effect(
 
     Raises `InputError` for data that cannot be meant as they are written. It is raised as well for an effect that is
     not known, that is in the model already, or that is a fault of a sensor that no run has."""
-    began = time.monotonic()
     campaign, seen = admit(campaign, model)
     hear(seen)
     item, _ = split_name(name, model.known_effects, campaign.channels)
@@ -68,7 +66,7 @@ def add_effect(
     added = add_background(task, added)
     gains = gains or added.fit.exact and not before.fit.exact  # it alone leaves nothing but noise, in contact too
     added = replace(added, rounds=(*added.rounds, (added.added, screened(task, added))))
-    found = diagnosis_of(campaign, task, added, base, undetermined, notes, began)
+    found = diagnosis_of(campaign, task, added, base, undetermined, notes)
     verdict = "unknown_effect" if _something_left(task, added) else "missing_effect" if gains else "adequate"
     own = [r for r in found.rivals if r.name == name]
     return replace(found, verdict=verdict, effects=(name,), rivals=tuple(replace(r, chosen=gains) for r in own[:1]))

@@ -72,11 +72,11 @@ def diagnose(
         campaign, seen, log = set_aside(campaign, [odd]), (*seen, odd), (*state.log, odd.text)
     notes += support.undetermined(undetermined, base)
     notes += [STOPPED[state.stopped]] if state.stopped else []
-    return diagnosis_of(campaign, task, state, base, undetermined, notes, began)
+    return diagnosis_of(campaign, task, state, base, undetermined, notes)
 
 
 def diagnosis_of(
-    campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float
+    campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str]
 ) -> Diagnosis:
     """The diagnosis that the end of a search is."""
     state = last_screened(task, state)
@@ -123,7 +123,6 @@ def diagnosis_of(
         p_value=p_value,
         traces=errors.traces_of(problem, fits | answer.with_laws(state, laws)),
         proposal=proposal,
-        seconds=time.monotonic() - began,
         log=state.log,
         uncertainty=uncertainty_of(f),
         laws=laws,

@@ -20,7 +20,6 @@ from .laws.result import Laws
 
 #: Unit of an unknown change of the thrust.
 OF_THRUST = "of the thrust"
-VERDICTS = ("adequate", "missing_effect", "unknown_effect")
 
 
 @dataclass(frozen=True)
@@ -214,7 +213,6 @@ class Diagnosis:
     p_value: float = 1.0
     traces: tuple[RunTraces, ...] = ()
     proposal: Proposal | None = None
-    seconds: float = 0.0
     log: tuple[str, ...] = ()
     uncertainty: Uncertainty | None = None
     laws: Laws | None = None  # of an unknown force: closed forms in the table's place

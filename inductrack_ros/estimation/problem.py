@@ -30,6 +30,8 @@ from .structure import Structure
 GRID = 2.5e-3
 #: Step of the parameters' differences, in typical sizes.
 THETA_STEP = 2e-3
+#: Signs of a central difference.
+BOTH_SIDES = (1.0, -1.0)
 #: Where the differences to both sides are further apart than this part of their sum, a derivative is the smaller of the
 #: two.
 JUMP = 0.8
@@ -181,13 +183,13 @@ class Problem:
     rig's; ``width`` is how many of `state.OUTPUTS` are simulated. A subset of runs is another `Problem` that shares
     everything (`subset`)."""
 
-    def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float], threads: int | None = None):
+    def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float]):
         self.channels = campaign.channels
         self.dof, self.limits = campaign.dof or model.dof, campaign.limits
         self.model = model if model.dof == self.dof else model.with_changes(dof=self.dof)
         self.sigma = np.array([sigma[c] for c in self.channels])
         self.runs = tuple(lay_out(run, self.model, self.channels, self.dof) for run in campaign.runs)
-        self.threads = Threads(threads)
+        self.threads = Threads()
         self.width = columns_for(self.channels, self.model.known_effects.values())
         self.variances: tuple[np.ndarray, ...] = ()
 
@@ -314,44 +316,23 @@ class Problem:
         return self.for_runs(task)
 
     def linearise(
-        self,
-        structure: Structure,
-        theta: np.ndarray,
-        states: Sequence[np.ndarray],
-        reuse: Sequence[Linearisation] | None = None,
-        one_sided: bool = False,
+        self, structure: Structure, theta: np.ndarray, states: Sequence[np.ndarray], sides: Sequence[float] = BOTH_SIDES
     ) -> list[Linearisation]:
-        """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
+        """Residuals and derivatives of the predictions for each run, by differences in one batch a run.
 
-        ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of
-        the work. With ``one_sided`` differences those by the initial states cost half; they say where to go, not how
-        well a state is known."""
-        low, high = structure.bounds
-        up = np.minimum(theta + THETA_STEP, high)
-        down = np.maximum(theta - THETA_STEP, low)
-        if reuse is not None:  # a quick look takes one-sided differences
-            down = np.where(up > theta, theta, down)
-        of_states = (1.0,) if one_sided else (1.0, -1.0)
-
-        def task(i: int) -> Linearisation:
-            if reuse is None:
-                return self._linearised(structure, i, (theta, up, down), states[i], of_states)
-            known = self._linearised(structure, i, (theta, up, down), states[i], ())
-            return replace(known, by_state=reuse[i].by_state)
-
-        return self.for_runs(task)
+        ``sides``: the signs by which each free initial state is moved. One costs half; it says where to go, not how
+        well a state is known. Without any there are no derivatives by the states, and those by theta are one-sided."""
+        return self.for_runs(lambda i: self._linearised(structure, i, theta, states[i], sides))
 
     def _linearised(
-        self,
-        structure: Structure,
-        i: int,
-        around: tuple[np.ndarray, np.ndarray, np.ndarray],
-        state: np.ndarray,
-        sides: Sequence[float],
+        self, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray, sides: Sequence[float]
     ) -> Linearisation:
-        """Residuals and derivatives of run i; ``around`` is theta with what it is moved up and down to, ``sides`` the
-        signs by which each free initial state is moved (none: no derivatives by these)."""
-        data, (theta, up, down), tables = self.runs[i], around, structure.tables
+        """Residuals and derivatives of run i."""
+        low, high = structure.bounds
+        up, down = np.minimum(theta + THETA_STEP, high), np.maximum(theta - THETA_STEP, low)
+        if not sides:
+            down = np.where(up > theta, theta, down)
+        data, tables = self.runs[i], structure.tables
         g, free = len(theta), data.free_states if sides else data.free_states[:0]
         single = [k for k in range(g) if not any(k in columns for columns in tables.values())]
         points = [(k, side[k]) for side in (up, down) for k in single if side[k] != theta[k]]

@@ -55,13 +55,6 @@ class RunResponse:
         histories = {s: self.outputs[:, INDEX[s]] for s in STATES}
         return histories | {"time": self.grid, "drive": self.data.drive}
 
-    def measured(self, variable: str) -> np.ndarray:
-        """What the run's sensor saw of a variable, all of the run; empty where it has none."""
-        run = self.data.run
-        return (
-            run.times if variable == "time" else run.samples(variable)[1] if variable in run.channels else np.empty(0)
-        )
-
     def quantities(
         self, names: Sequence[str], offset: np.ndarray | float = 0.0, on: np.ndarray | None = None
     ) -> np.ndarray:
