@@ -24,7 +24,7 @@ from scipy.signal import lombscargle
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import INDEX
 from inductrack_ros.data.campaign import Campaign
-from inductrack_ros.diagnosis.screening import SHORTEST_WAVE, names
+from inductrack_ros.diagnosis.candidates import SHORTEST_WAVE, names
 from inductrack_ros.estimation import noise
 from inductrack_ros.estimation.problem import STATE_PRIOR, Linearisation, Problem
 from inductrack_ros.estimation.structure import THETA_PRIOR, Structure

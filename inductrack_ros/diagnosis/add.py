@@ -17,10 +17,11 @@ from ..core.model import Model
 from ..data.campaign import Campaign
 from ..estimation.scores import Background
 from . import support
+from .candidates import Candidate
 from .diagnose import base_fit, diagnosis_of
 from .moves import State, Task, refitted, screened, settled
 from .result import Diagnosis
-from .screening import Candidate, CandidateSet
+from .screening import CandidateSet
 from .strategy import add_background, add_known, add_unknown
 
 

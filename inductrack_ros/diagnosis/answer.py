@@ -14,16 +14,17 @@ from scipy import stats
 from ..core.effects.stand_in import VARIABLES, basis, covered
 from ..estimation import columns
 from ..estimation.likelihood import Point
-from ..estimation.linear import histories
+from ..estimation.linear import all_histories
 from ..estimation.problem import Problem
 from ..estimation.processes import IMPACT
 from ..estimation.shooting import Fit, fit
 from . import background
+from .candidates import WAVES
 from .factor import Factor
 from .laws.result import Laws
 from .moves import State, Task
 from .result import Limit, Rival, Test, Unknown
-from .screening import WAVES, Screening
+from .screening import Screening
 from .settings import POWER, REFIT_STEPS
 
 #: A standard deviation of this many typical sizes means that the data say nothing of an effect.
@@ -170,7 +171,7 @@ def unknown_of(state: State, problem: Problem) -> Unknown | None:
     found = curve_of(state.fit, name)
     variables = [VARIABLES[int(state.fit.model.effects[name]["variable"])]]
     variables += [found.factor.variable] if found.factor else []
-    runs = [histories(d, path) for d, path in zip(problem.runs, state.fit.paths, strict=True)]
+    runs = all_histories(problem, state.fit)
     seen = np.concatenate([np.column_stack([r[v] for v in variables]) for r in runs])
     return replace(found, seen=seen[:: max(1, len(seen) // SEEN)])
 

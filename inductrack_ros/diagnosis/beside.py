@@ -9,31 +9,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from ..core.effects.stand_in import basis, over
-from ..estimation.kalman import Columns, LinearRun
-from ..estimation.linear import acting, force_columns, histories
-from ..estimation.problem import Problem
+from ..estimation.kalman import LinearRun
 from ..estimation.scores import Background, Level, Scores, pushed_by, scores
-from ..estimation.shooting import Fit, linearise_all
+from ..estimation.shooting import linearise_all
 from . import background
-from .laws.forms import ALONG
+from .candidates import Candidate, sought
 from .moves import State, Task, grown, law_price, shaken, smoothed_anew, with_effects, with_law
-from .screening import FINE_SHARES, Candidate, CandidateSet, Law, acted_on, asked_over, sizes_of, sought, span_of
+from .screening import (
+    FINE_SHARES,
+    CandidateSet,
+    ForceTable,
+    Law,
+    acted_on,
+    asked_over,
+    columns_of,
+    sizes_of,
+    spans_of,
+    tables_over,
+)
 from .settings import FORCES_REFITTED, MOST_EFFECTS
-from .smooth import smoothest_of
-
-
-@dataclass(frozen=True)
-class Table:
-    """Which force of any shape: on a coordinate over a variable, its first place and step."""
-
-    acts_on: str
-    variable: str
-    start: float
-    step: float
-    count: int
 
 
 @dataclass(frozen=True)
@@ -67,46 +61,30 @@ def promises(task: Task, state: State, systems: Sequence[LinearRun], lacking: Se
     """What each known effect and the table that suits it best promise together; the best first."""
     problem, f = task.problem, state.fit
     candidates, parts = sought(problem, f, systems, wavy=True)
-    runs = [histories(d, path) for d, path in zip(problem.runs, f.paths, strict=True)]
-    tables = tables_of(runs, [on for on in acted_on(problem, f) if pushed_by(on) in lacking])
+    spans = spans_of(problem, f)
+    tables = {
+        f"table {t.acts_on} {t.variable}": t
+        for on in acted_on(problem, f)
+        if pushed_by(on) in lacking
+        for t in tables_over(on, asked_over(on, spans), lambda v: sizes_of(v, True)[:1])
+    }
+    of_tables = {n: problem.for_runs(lambda i, t=t: columns_of(problem, f, i, [t])) for n, t in tables.items()}
     price = background.price(problem, task.given, f.processes)
-    found = scores(
-        problem, f, parts | {n: _columns(problem, f, runs, t) for n, t in tables.items()}, systems,
-        [Background(f.power, f.processes, price)], FINE_SHARES,
-    )  # fmt: skip
+    found = scores(problem, f, parts | of_tables, systems, [Background(f.power, f.processes, price)], FINE_SHARES)
     of_each = [_best(found, one, tables, problem.samples, len(candidates)) for one in candidates.values()]
     return sorted(of_each, key=lambda p: -p.gain)
 
 
-def tables_of(runs: Sequence[Mapping[str, np.ndarray]], on_each: Sequence[str]) -> dict[str, Table]:
-    """The tables that are asked for over the variables' histories in all runs, by a name of their own."""
-    spans = {v: span for v in runs[0] if (span := span_of([r[v] for r in runs])) is not None}
-    asked = [
-        Table(on, v, *over(*span, sizes_of(v, True)[0])) for on in on_each for v, span in asked_over(on, spans).items()
-    ]
-    return {f"table {t.acts_on} {t.variable}": t for t in asked}
-
-
-def _columns(problem: Problem, fit: Fit, runs: Sequence[Mapping[str, np.ndarray]], table: Table) -> list[Columns]:
-    def one(i: int) -> Columns:
-        shapes = basis(runs[i][table.variable], table.start, table.step, table.count)
-        forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], table.acts_on, shapes)
-        return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
-
-    return problem.for_runs(one)
-
-
-def _best(found: Scores, one: Candidate, tables: Mapping[str, Table], samples: int, family: int) -> Promise:
+def _best(found: Scores, one: Candidate, tables: Mapping[str, ForceTable], samples: int, family: int) -> Promise:
     """The table that promises most beside a known effect, at the power that suits both."""
 
     def at(level: Level, name: str) -> Promise:
         beside, t = found.beside(level, one.label, name), tables[name]
-        table = smoothest_of(beside.gram, beside.score, samples, t.variable in ALONG)
+        table = t.smoothest(beside.gram, beside.score, samples)
         size = beside.size - beside.moves @ table.values
         gain = found.plain - beside.deviance + table.promise
         known = CandidateSet((one,), beside.deviance, beside.deviance, {one.label: size}, level.background)
-        law = Law(t.acts_on, t.variable, t.start, t.step, table, gain, level.power)
-        return Promise(known, law, gain - law_price() - one.price(family))
+        return Promise(known, t.law(table, gain, level.power), gain - law_price() - one.price(family))
 
     asked = ((level, n) for n, t in tables.items() for level in found.levels if level.suits(pushed_by(t.acts_on)))
     return max((at(level, name) for level, name in asked), key=lambda p: p.gain)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..checks import Finding
-from ..core.effects.stand_in import VARIABLES, parameters
+from ..core.effects.stand_in import ACTS_ON, VARIABLES, parameters
 from ..core.state import COORDINATES
 from ..estimation import columns
 from ..estimation import fit as end_to_end
@@ -22,7 +22,8 @@ from ..estimation.shooting import ANEW, FLOWN_STEPS, Fit, exactly, first_power, 
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import background, placed, unheard
-from .screening import Candidate, CandidateSet, Law, Screening, names, screen, table_of
+from .candidates import Candidate, names
+from .screening import CandidateSet, Law, Screening, screen, table_of
 from .settings import LEVEL, LOOK_STEPS, NEAR, REFIT_STEPS, REFITTED, SHAKEN, TWINS
 
 
@@ -137,7 +138,7 @@ def last_screened(task: Task, state: State) -> State:
 def law_price() -> float:
     """Twice the log evidence by which a force of any shape wrongly stands out in `LEVEL` of campaigns, at the most (a
     Bayes factor, laws counted)."""
-    return 2.0 * float(np.log(len(VARIABLES) * 5 / LEVEL))
+    return 2.0 * float(np.log(len(VARIABLES) * len(ACTS_ON) / LEVEL))
 
 
 def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: int = LOOK_STEPS) -> State:

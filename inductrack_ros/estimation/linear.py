@@ -207,6 +207,11 @@ def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
     return {v: np.ascontiguousarray(found[v]) for v in VARIABLES}
 
 
+def all_histories(problem: Problem, fit: Fitted) -> list[dict[str, np.ndarray]]:
+    """`histories` of every run along a fit's trajectories."""
+    return [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
+
+
 def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.ndarray) -> Columns:
     """What force histories (n, 4, l) (N, N·m by coordinate) would do to a run: a trapezoid between nodes."""
     inertia = np.array([model.parameters["mass"]] * 3 + [model.parameters["roll_inertia"]])
