@@ -162,7 +162,7 @@ def shown(
 ) -> np.ndarray:
     """What the data show of each disturbance and process, and what its variance would make them show, (2, 4 + p); equal
     at the likeliest. The second is how many of its values the data tell."""
-    of_power = np.array([np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected")]) * power
+    of_power = np.sum([s.of_power for s in smooth], axis=0) * power
     of_processes = told(problem, processes, smooth, n_states)
     return np.maximum(np.concatenate([of_power, of_processes], axis=1), UNTOLD)
 
