@@ -13,7 +13,7 @@ from ..core.state import INDEX
 from ..estimation.likelihood import Point, settle
 from ..estimation.linear import outputs_of
 from ..estimation.problem import Problem, RunData
-from ..estimation.processes import RUN_TO_RUN, STATES
+from ..estimation.processes import RUN_TO_RUN
 from ..estimation.shooting import Fit, fit, linearise_all
 from ..estimation.structure import Structure
 from .result import RunTraces, Step
@@ -46,7 +46,7 @@ def own_thetas(problem: Problem, f: Fit) -> list[np.ndarray]:
         for p in f.processes:
             if p.kind == RUN_TO_RUN:
                 theta[f.structure.free.index(p.on)] += smooth.deviations[0, at]
-            at += STATES[p.kind]
+            at += p.states
         found.append(theta)
     return found
 
