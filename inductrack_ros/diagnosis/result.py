@@ -58,7 +58,7 @@ class Rival:
     """One candidate in one round of the search.
 
     - ``chi2_fall``: what adding it to ``beside`` takes off χ²; ``threshold``: what chance alone would; ``size`` and
-      ``std`` by parameter; ``heldout_nrmse`` where it was tried on left-out runs; ``words`` say for and against.
+      ``std`` by parameter; ``words`` say for and against.
     - ``where``: part of the fall by run, and by stretch of speed, gap and contact (label → part of the fall).
     - ``refitted``: False where the fall is only what it promises to first order.
     """
@@ -69,7 +69,6 @@ class Rival:
     threshold: float
     size: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
-    heldout_nrmse: float | None = None
     chosen: bool = False
     words: str = ""
     where: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
