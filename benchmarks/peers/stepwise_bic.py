@@ -197,7 +197,7 @@ def diagnose(campaign: Campaign, model: Model) -> Found:
     if len(campaign.noise_std) < len(problem.channels):
         g = len(structure.free)
         rest = problem.residuals(structure, current.z[:g], refit.states(current.z, g))
-        refit.problem = problem = problem.with_sigma(noise.from_residuals(problem, rest, campaign.noise_std))
+        refit.problem = problem = problem.with_changes(sigma=noise.from_residuals(problem, rest, campaign.noise_std))
         current = refit.fit(structure, current.z, FULL)
     for _ in range(MOST):
         near = refit.linearise(current.structure, current.z)

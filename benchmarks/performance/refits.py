@@ -75,8 +75,7 @@ def measure(quick: bool) -> dict:
         result = task()
         return time.process_time() - began, result
 
-    alone = problem.subset(range(len(problem.runs)))
-    alone.threads = Threads(1)
+    alone = problem.with_changes(threads=Threads(1))
     guesses = [d.guess for d in problem.runs]
     reached = {}
     times = in_turn({

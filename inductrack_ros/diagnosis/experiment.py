@@ -132,8 +132,7 @@ def pair(
 
     def apart(both: tuple[MenuRun, MenuRun], separation: Callable) -> Proposal:
         found = [made for run in both if (made := made_run(problem, chosen.model, run)) is not None]
-        joint = problem.subset([0])
-        joint.runs, joint.variances = tuple(single.runs[0] for single in found), ()
+        joint = problem.with_changes(runs=tuple(single.runs[0] for single in found), variances=())
         sigmas = {n: separation(joint, chosen, f, undetermined) for n, f in rivals.items()}
         return replace(both[0].proposal(sigmas), second=both[1].proposal({}))
 
@@ -173,15 +172,12 @@ def made_run(problem: Problem, model: Model, planned: MenuRun) -> Problem | None
         return None
     if not all(problem.limits.allow(s, made[s]) for s in STATES):
         return None
-    single = problem.subset([0])
-    single.variances = ()
     # As in the runs so far.
     given = {s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)}
     run = Run("proposal", Path("proposal"), problem.channels, times, values, times, current, given, pulses)
-    single.runs = (lay_out(run, model, problem.channels, problem.dof),)
-    exact = start[:8].copy()
-    single.runs = (replace(single.runs[0], y=_read(single, model, exact), guess=exact),)
-    return single
+    data, exact = lay_out(run, model, problem.channels, problem.dof), start[:8].copy()
+    single = problem.with_changes(runs=(data,), variances=())
+    return single.with_changes(runs=(replace(data, y=_read(single, model, exact), guess=exact),))
 
 
 def _separation(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str]) -> float:

@@ -239,9 +239,9 @@ def fitted_end_to_end(
     state anew where a joint step falls short."""
     problem = task.problem
     found = {p.on: p.size for p in point.processes if p.kind == background.WHITE and p.on not in task.given}
-    scaled = problem.subset(runs).with_sigma(problem.sigma * [found.get(c, 1.0) for c in problem.channels])
+    part = problem.subset(runs).with_changes(sigma=problem.sigma * [found.get(c, 1.0) for c in problem.channels])
     states = [point.paths[i][0, :8] for i in runs]
-    return end_to_end.fit(scaled, structure, states, point.theta, FLOWN_STEPS, settle=settle)
+    return end_to_end.fit(part, structure, states, point.theta, FLOWN_STEPS, settle=settle)
 
 
 def _flown_exactly(task: Task, structure: Structure, point: Point) -> end_to_end.Fit:

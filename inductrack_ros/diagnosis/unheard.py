@@ -62,6 +62,5 @@ def promised(
 
 def without(problem: Problem, f: Fit, dead: Sequence[np.ndarray], steps: int) -> Fit:
     """The fit that these readings have no part in."""
-    muted = problem.subset(range(len(problem.runs)))
-    muted.variances = tuple(np.where(d, MUTE, problem.variance(i)) for i, d in enumerate(dead))
-    return fit(muted, f.structure, f.point, steps)
+    variances = tuple(np.where(d, MUTE, problem.variance(i)) for i, d in enumerate(dead))
+    return fit(problem.with_changes(variances=variances), f.structure, f.point, steps)

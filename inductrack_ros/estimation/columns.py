@@ -136,7 +136,7 @@ def carried(problem: Problem, structure: Structure, i: int, path: np.ndarray) ->
     """A trajectory (n, N) whose effects' own states follow from node to node, from where they start."""
     data, model = problem.runs[i], structure.model
     P = problem.vectors(structure, i, structure.start[None])
-    x = model.with_effect_states(path[0], data.grid[0], P[0], None if data.averaged else data.pulses, path[0, 0])
+    x = model.with_effect_states(path[0], data.grid[0], P[0], data.fired, path[0, 0])
     result = path.copy()
     for k in range(len(path)):
         result[k, 8:] = x[8:]

@@ -8,12 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
-from ..core.effects.stand_in import entries
+from ..core.effects.stand_in import VARIABLES, entries
 from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOTION, STATES
 from .kalman import Columns, LinearRun
 from .problem import GRID, STATE_PRIOR, Problem, RunData
-from .response import STATE_STEPS, VARIABLES
+from .response import STATE_STEPS
 from .structure import Structure
 
 #: Step of a parameter's difference, in typical sizes; of an effect's state, relative to it.
@@ -299,7 +299,7 @@ def _start(
     root[free, free] = STATE_PRIOR[free]
     mean[:8, 0] = data.guess - x[:8]
     if model.carries_states:
-        P, pulses = problem.vectors(structure, i, theta[None])[0], None if data.averaged else data.pulses
+        P, pulses = problem.vectors(structure, i, theta[None])[0], data.fired
         begun = model.with_effect_states(x, P=P, pulses=pulses)
         for s in free:
             moved = x.copy()

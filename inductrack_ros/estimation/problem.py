@@ -9,6 +9,7 @@ are one batch; runs are spread over threads, for the compiled code releases the 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -57,6 +58,11 @@ class RunData:
     contact: np.ndarray | None = None  # grid points at which a run is in contact, see `Problem.with_contacts`
 
     @property
+    def fired(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """The single pulses that drive the run; None of an averaged drive."""
+        return None if self.averaged else self.pulses
+
+    @property
     def drive(self) -> np.ndarray:
         """The drive's current (n,) A on the grid, as far as it is known: single pulses are not in it."""
         beyond = np.interp(self.grid, self.pulses[0], self.pulses[2]) if self.averaged and self.pulses[0].size else 0.0
@@ -90,13 +96,14 @@ def _widened(data: RunData, touching: np.ndarray) -> np.ndarray:
 def lay_out(run: Run, model: Model, channels: Sequence[str], dof: Dof) -> RunData:
     """Prepare one run. Raises `InputError` where the speed cannot be had from anything measured or given."""
     measured = run.measured
-    rows = np.flatnonzero(measured.any(axis=1))
     times = run.times
-    parts = [times[rows]]
-    for a, b in zip(times[rows][:-1], times[rows][1:], strict=True):
-        if b - a > GRID:
-            parts.append(np.linspace(a, b, int(np.ceil((b - a) / GRID)) + 1)[1:-1])
-    grid = np.unique(np.concatenate([[0.0], *parts]))
+    known = times[measured.any(axis=1)]
+    between = [
+        np.linspace(a, b, int(np.ceil((b - a) / GRID)) + 1)[1:-1]
+        for a, b in zip(known[:-1], known[1:], strict=True)
+        if b - a > GRID
+    ]
+    grid = np.unique(np.concatenate([[0.0], known, *between]))
     r, c = np.nonzero(measured)
     names = np.array([channels.index(n) for n in run.channels])
     columns = np.array([INDEX[n] for n in run.channels])
@@ -127,12 +134,8 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: Dof) -> RunDat
 def _measured_current(run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,) s and what flowed beyond the run's drive current (m,) A, where it was measured in time, as the
     averaged drive takes them."""
-    times, values = run.inputs["drive_current"]
-    return (
-        np.ascontiguousarray(times, float),
-        np.zeros(len(times)),
-        np.ascontiguousarray(values, float) - run.drive_current,
-    )
+    times, values = (np.ascontiguousarray(a, float) for a in run.inputs["drive_current"])
+    return times, np.zeros(len(times)), values - run.drive_current
 
 
 def _first_guess(run: Run, model: Model, dof: Dof) -> np.ndarray:
@@ -180,8 +183,8 @@ class Problem:
     """All runs of a campaign with the noise of each channel, ready to be predicted and fitted.
 
     ``sigma`` (c,) is the noise by channel in the order of ``channels``; ``runs`` are `RunData`; ``limits`` are the
-    rig's; ``width`` is how many of `state.OUTPUTS` are simulated. A subset of runs is another `Problem` that shares
-    everything (`subset`)."""
+    rig's; ``width`` is how many of `state.OUTPUTS` are simulated; ``variances`` (m,) by run those of its measurements
+    over that of the channel's noise, more than 1 where a reading is worth less (none: 1)."""
 
     def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float]):
         self.channels = campaign.channels
@@ -193,20 +196,17 @@ class Problem:
         self.width = columns_for(self.channels, self.model.known_effects.values())
         self.variances: tuple[np.ndarray, ...] = ()
 
+    def with_changes(self, **changes: object) -> Problem:
+        """The same problem with other attributes; everything else is shared."""
+        other = copy(self)
+        other.__dict__.pop("samples", None)
+        other.__dict__.update(changes)
+        return other
+
     def subset(self, indices: Sequence[int]) -> Problem:
         """The same problem with only some of its runs."""
-        part = object.__new__(Problem)
-        part.__dict__.update(self.__dict__)
-        part.__dict__.pop("samples", None)
-        part.runs = tuple(self.runs[i] for i in indices)
-        part.variances = tuple(self.variances[i] for i in indices) if self.variances else ()
-        return part
-
-    def with_sigma(self, sigma: np.ndarray) -> Problem:
-        """The same problem with other noise levels (c,)."""
-        part = self.subset(range(len(self.runs)))
-        part.sigma = np.asarray(sigma, float)
-        return part
+        variances = tuple(self.variances[i] for i in indices) if self.variances else ()
+        return self.with_changes(runs=tuple(self.runs[i] for i in indices), variances=variances)
 
     def with_contacts(self, touching: Sequence[np.ndarray]) -> Problem:
         """The same problem with contacts that all fits agree on: where one of them touches, (n,) of each run's grid.
@@ -214,9 +214,8 @@ class Problem:
         What is read during these does not count in any fit. So all fits explain the same readings, and their deviances
         compare whatever each says of contacts. When one begins or ends is known to a sample: those beside it go with
         it."""
-        part = self.subset(range(len(self.runs)))
-        part.runs = tuple(replace(r, contact=_widened(r, t)) for r, t in zip(self.runs, touching, strict=True))
-        return part
+        runs = (replace(r, contact=_widened(r, t)) for r, t in zip(self.runs, touching, strict=True))
+        return self.with_changes(runs=tuple(runs))
 
     @cached_property
     def samples(self) -> int:
@@ -224,8 +223,7 @@ class Problem:
         return sum(len(r.y) for r in self.runs)
 
     def variance(self, i: int) -> np.ndarray:
-        """Variance (m,) of run i's measurements over that of the channel's noise: more than 1 where a reading is worth
-        less."""
+        """The ``variances`` (m,) of run i."""
         return self.variances[i] if self.variances else np.ones(len(self.runs[i].y))
 
     @property
@@ -235,9 +233,7 @@ class Problem:
 
     def within(self, horizon: float) -> Problem:
         """The same problem with only the samples up to ``horizon`` (s) of each run."""
-        part = self.subset(range(len(self.runs)))
-        part.runs = tuple(data.within(horizon) for data in self.runs)
-        return part
+        return self.with_changes(runs=tuple(data.within(horizon) for data in self.runs))
 
     def for_runs(self, task: Callable[[int], object]) -> list:
         """``task(i)`` for every run, on the machine's threads, results in order. A trial that leads beyond all numbers
@@ -264,21 +260,13 @@ class Problem:
         on = np.tile(model.switches, (len(states), 1))
         if model.carries_states:
             for j in range(len(x)):
-                x[j] = model.with_effect_states(x[j], P=P[j], pulses=None if data.averaged else data.pulses)
+                x[j] = model.with_effect_states(x[j], P=P[j], pulses=data.fired)
         out = np.empty((len(states), data.grid.size, self.width))
         model.kernel.simulate_batch(
             data.grid, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses,
             1.0, out,
         )  # fmt: skip
         return out
-
-    def response(
-        self, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray, outputs: np.ndarray | None = None
-    ) -> RunResponse:
-        """How run i answers to small forces at a point."""
-        P = self.vectors(structure, i, theta[None])[0]
-        known = self.simulate(structure, i, theta[None], state[None])[0] if outputs is None else outputs
-        return RunResponse(self.runs[i], self.sigma, structure.model, P, known, self.dof)
 
     def predict(
         self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray, which: np.ndarray | None = None
@@ -352,7 +340,7 @@ class Problem:
         ]
         by_theta = np.array(slopes).reshape(g, data.y.size)
         for effect, columns in tables.items():
-            by_theta[columns] = self._table_columns(structure, i, theta, state, out[0], effect, columns) / weight
+            by_theta[columns] = self._table_columns(structure, i, theta, out[0], effect, columns) / weight
         by_state = np.zeros((0, data.y.size))
         if sides:
             steps, ahead, behind = STATE_STEPS[free][:, None], read[moved[0]] - read[0], read[0] - read[moved[-1]]
@@ -371,9 +359,10 @@ class Problem:
         which[apart] = 1 + np.arange(apart.size)
         return out, self.predict(structure, i, thetas, out, which)
 
-    def _table_columns(self, structure, i, theta, state, outputs, effect: str, columns: Sequence[int]) -> np.ndarray:
+    def _table_columns(self, structure, i, theta, outputs, effect: str, columns: Sequence[int]) -> np.ndarray:
         """Derivative (l, m) over noise by a stand-in's table: the response to each of its basis functions."""
-        response = self.response(structure, i, theta, state, outputs)
+        P = self.vectors(structure, i, theta[None])[0]
+        response = RunResponse(self.runs[i], self.sigma, structure.model, P, outputs, self.dof)
         values = structure.model.effects[effect]
         forces = entries(values, response.variables, len(columns)) * structure.scale[columns]
         return response.respond(response.forces(effect.removeprefix("stand_in_"), forces)).T

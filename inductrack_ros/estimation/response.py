@@ -16,8 +16,6 @@ from ..core.cache import compiled_once
 from ..core.kernel import QUANTITIES
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, STATES, Dof
 
-#: What a missing force may depend on, as `diagnosis.json` names it and in the order of a stand-in's ``variable``.
-VARIABLES = (*STATES, "time", "drive")
 #: Steps of the state's differences, by state: above rounding, and small enough for runs whose errors grow
 #: ten-thousandfold
 STATE_STEPS = np.array([3e-7, 3e-8, 3e-8, 3e-7, 3e-6, 3e-7, 3e-7, 3e-6])
@@ -135,7 +133,7 @@ def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: Dof) -> n
     x[:, :8] = outputs[:known, :8]
     if model.carries_states:
         for k in range(known):
-            x[k] = model.with_effect_states(x[k], grid[k], P, None if data.averaged else data.pulses, outputs[0, 0])
+            x[k] = model.with_effect_states(x[k], grid[k], P, data.fired, outputs[0, 0])
     offsets = np.zeros((1 + len(moved), n_states))
     offsets[1 + np.arange(len(moved)), moved] = STATE_STEPS[moved]
     out = np.empty((known, len(offsets), 8))

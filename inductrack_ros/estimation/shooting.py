@@ -165,7 +165,7 @@ def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, sta
     path = np.zeros((len(data.grid), len(model.kernel.states)))
     path[0, :8] = state
     if model.carries_states:
-        path[0] = model.with_effect_states(path[0], P=P[0], pulses=None if data.averaged else data.pulses)
+        path[0] = model.with_effect_states(path[0], P=P[0], pulses=data.fired)
     for k in range(len(path) - 1):
         path[k + 1] = next_state(problem, model, i, P, path, k)
     return path
