@@ -53,7 +53,7 @@ def _with_some(problem: Problem, f: Fit, base: Fit, gone: Sequence[str]) -> Fit:
         structure = structure.minus(name)
     theta, paths = f.theta[[f.structure.free.index(n) for n in structure.free]], base.paths
     if structure.model.carries_states:
-        paths = tuple(problem.for_runs(lambda i: columns.carried(problem, structure, i, base.paths[i])))
+        paths = columns.all_carried(problem, structure, paths)
     return fit(problem, structure, Point(theta, paths, base.power, base.processes), REFIT_STEPS)
 
 

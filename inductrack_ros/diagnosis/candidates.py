@@ -15,6 +15,7 @@ from ..estimation.blocks import Blocks, blocks_of
 from ..estimation.kalman import Columns, LinearRun
 from ..estimation.linear import force_columns, outputs_of
 from ..estimation.problem import Problem
+from ..estimation.run_model import RunModel
 from ..estimation.scores import TWO_SHARES, scores, shares_of
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
@@ -123,9 +124,10 @@ def _placed(
         steps = np.array([asked.rows[r][3] for r in rows])
 
         def one(i: int) -> Columns:
-            path = columns.carried(problem, wide, i, fit.paths[i]) if item.states else fit.paths[i]
+            run = RunModel(problem, wide, i)
+            path = columns.carried(run, fit.paths[i]) if item.states else fit.paths[i]
             means = None if columns.needs_integration(item) else told[i]
-            return columns.differences(problem, wide, i, path, thetas, steps, fit.model.active_states, means)
+            return columns.differences(run, path, thetas, steps, fit.model.active_states, means)
 
         every, edges = problem.for_runs(one), np.cumsum([0] + [len(asked.of(k)) for k in starts])
         return [[c.some(slice(a, b)) for c in every] for a, b in zip(edges[:-1], edges[1:], strict=True)]

@@ -197,11 +197,10 @@ def _expected(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str
 def _begun(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str]) -> tuple[Structure, Point]:
     """The rival with what is known of its parameters, and the runs' trajectories as the chosen model flies them."""
     prior = rival.structure.knowing(rival.theta, rival.covariance, undetermined)
-    paths = [shooting.flown(made, chosen.structure, i, chosen.theta, d.guess) for i, d in enumerate(made.runs)]
-    if prior.model.carries_states:
-        paths = [columns.carried(made, prior, i, path) for i, path in enumerate(paths)]
+    flown = [shooting.flown(made, chosen.structure, i, chosen.theta, d.guess) for i, d in enumerate(made.runs)]
+    paths = columns.all_carried(made, prior, flown) if prior.model.carries_states else tuple(flown)
     touch = tuple(p for p in chosen.processes if p.kind == IMPACT)
-    return prior, Point(prior.centre, tuple(paths), np.zeros(4), touch)
+    return prior, Point(prior.centre, paths, np.zeros(4), touch)
 
 
 def _left(made: Problem, structure: Structure, point: Point) -> float:

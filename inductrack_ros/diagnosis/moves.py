@@ -169,7 +169,7 @@ def with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Structu
         step = _first_step(structure, member, found.sizes[member.label], len(begin))
         theta = np.clip(np.concatenate([theta, begin + step]), *structure.bounds)
         if not f.model.carries_states and structure.model.carries_states:
-            paths = tuple(problem.for_runs(lambda i, s=structure, p=paths: columns.carried(problem, s, i, p[i])))
+            paths = columns.all_carried(problem, structure, paths)
     return structure, replace(f.point, theta=theta, paths=paths)
 
 

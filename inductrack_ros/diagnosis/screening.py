@@ -17,6 +17,7 @@ from ..estimation.likelihood import NO_POWER
 from ..estimation.linear import acting, all_histories, force_columns, histories
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
+from ..estimation.run_model import RunModel
 from ..estimation.scores import Background, Scores, pushed_by, scores, shares_in, whitened
 from ..estimation.shooting import Fit
 from ..estimation.structure import Structure
@@ -192,7 +193,7 @@ def columns_of(problem: Problem, fit: Fit, i: int, tables: Sequence[ForceTable])
     """What each entry of tables that act on the same would do to run i along a fit's trajectory."""
     along = histories(problem.runs[i], fit.paths[i])
     shapes = np.hstack([t.entries(along) for t in tables])
-    forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], tables[0].acts_on, shapes)
+    forces = acting(RunModel(problem, fit.structure, i), fit.theta, fit.paths[i], tables[0].acts_on, shapes)
     return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
 

@@ -13,9 +13,10 @@ import numpy as np
 
 from ..estimation.kalman import MUTE, LinearRun
 from ..estimation.likelihood import weigh
-from ..estimation.linear import outputs_of, read
+from ..estimation.linear import outputs_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
+from ..estimation.run_model import RunModel
 from ..estimation.scores import SHARES, Background
 from ..estimation.shooting import Fit, fit
 from ..estimation.structure import Structure
@@ -37,7 +38,7 @@ def unheard(problem: Problem, f: Fit, name: str, start: Mapping[str, float]) -> 
         for side in (-REACH, REACH):
             moved = outputs[:, None].copy()
             moved[data.row[own], 0, data.column[own]] += side * problem.sigma[mine]
-            shown.append(read(problem, faulty, i, moved, none)[0][own])
+            shown.append(RunModel(problem, faulty, i).read(moved, none)[0][own])
         found = np.zeros(len(data.y), bool)
         found[own] = shown[1] - shown[0] < HEARD * 2.0 * REACH * problem.sigma[mine]
         return found

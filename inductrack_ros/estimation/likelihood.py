@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .kalman import Filtered, LinearRun, Smoothed, log_determinant, run_filter, run_smoother
-from .linear import pieces, read
 from .problem import STATE_PRIOR, Problem
 from .processes import Process, augmented, resized, told, variances
+from .run_model import RunModel
 from .structure import Structure
 
 #: Greatest power of the disturbances (m²/s³, rad²/s³).
@@ -199,33 +199,23 @@ class Misses:
 Beside = tuple[np.ndarray, np.ndarray]
 
 
-def misses(
-    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, beside: Beside
-) -> Misses:
-    """What run i leaves on a trajectory (n, N); ``beside`` is what processes add to its readings (m,) and to the way to
+def misses(run: RunModel, theta: np.ndarray, path: np.ndarray, beside: Beside) -> Misses:
+    """What a run leaves on a trajectory (n, N); ``beside`` is what processes add to its readings (m,) and to the way to
     the next node (n, N)."""
-    data = problem.runs[i]
-    outputs, ends = pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
+    data = run.data
+    outputs, ends = run.pieces(path, theta[None])
     if not np.isfinite(ends).all():
         outputs, ends = np.full_like(outputs, np.inf), np.full_like(ends, np.inf)
-    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel]
+    left = (data.y - run.read(outputs, theta[None])[0]) / run.sigma
     defects = path[1:, :8] - ends[:-1, 0, :8] - beside[1][:-1, :8]
     free = data.free_states
     return Misses(left - beside[0], defects, path[0, free] - data.guess[free])
 
 
-def promised(
-    problem: Problem,
-    structure: Structure,
-    i: int,
-    system: LinearRun,
-    step: np.ndarray,
-    moved: np.ndarray,
-    beside: Beside,
-) -> Misses:
+def promised(run: RunModel, system: LinearRun, step: np.ndarray, moved: np.ndarray, beside: Beside) -> Misses:
     """What the linear run (without the processes' states) says of `misses` after a step of theta and of the states
     (n, A)."""
-    data, active = problem.runs[i], structure.model.active_states
+    data, active = run.data, run.model.active_states
     node = np.repeat(np.arange(len(moved)), np.diff(system.first))
     left = system.data[:, 0] + system.data[:, 1:] @ step
     left = left - np.einsum("ma,ma->m", system.sensitivity, moved[node]) - beside[0]

@@ -17,9 +17,10 @@ import numpy as np
 from . import fit as end_to_end
 from .kalman import LinearRun, run_smoother
 from .likelihood import TOLERANCE, Beside, Evidence, Lost, Misses, Point, Settled, cost, misses, promised, settle, weigh
-from .linear import linearise, next_state
+from .linear import linearise
 from .problem import STATE_PRIOR, Problem
 from .processes import IMPACT, Process, offsets, tightened
+from .run_model import RunModel
 from .start import start
 from .structure import Structure
 
@@ -99,7 +100,7 @@ def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | Non
     """Every run about a fit's trajectories, without the processes' states. A point needs a ``structure``."""
     chosen = fit.structure if structure is None and isinstance(fit, Fit) else structure
     assert chosen is not None
-    systems = problem.for_runs(lambda i: linearise(problem, chosen, i, fit.theta, fit.paths[i]))
+    systems = problem.for_runs(lambda i: linearise(RunModel(problem, chosen, i), fit.theta, fit.paths[i]))
     return [replace(s, touching=np.zeros_like(s.touching), contact=None) for s in systems] if fit.exact else systems
 
 
@@ -160,15 +161,13 @@ def exactly(
 
 def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray) -> np.ndarray:
     """The trajectory (n, N) of run i that the model flies from an initial state (8,), node by node."""
-    data, model = problem.runs[i], structure.model
-    P = problem.vectors(structure, i, theta[None])
-    path = np.zeros((len(data.grid), len(model.kernel.states)))
+    run = RunModel(problem, structure, i)
+    P, path = run.vectors(theta[None]), np.zeros((len(run.data.grid), len(run.model.kernel.states)))
     path[0, :8] = state
-    if model.carries_states:
-        path[0] = model.with_effect_states(path[0], P=P[0], pulses=data.fired)
-    for k in range(len(path) - 1):
-        path[k + 1] = next_state(problem, model, i, P, path, k)
-    return path
+    x = path[0]
+    if run.model.carries_states:
+        x = run.model.with_effect_states(x, P=P[0], pulses=run.data.fired)
+    return run.followed(path, x, P)
 
 
 def _flown_on(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
@@ -208,7 +207,7 @@ def _reflown(
     beside = [offsets(*of)[0] for of in zip(plain, systems, smooth, strict=True)]
 
     def costs(i: int, theta: np.ndarray, path: np.ndarray) -> float:
-        left = misses(problem, structure, i, theta, path, (beside[i], np.zeros_like(path)))
+        left = misses(RunModel(problem, structure, i), theta, path, (beside[i], np.zeros_like(path)))
         return float(np.nansum(left.readings**2 / systems[i].variance))
 
     def anew(i: int, theta: np.ndarray, share: float) -> np.ndarray:
@@ -289,7 +288,8 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
 
     def hoped(share: float) -> list[Misses]:
         step, ways = share * settled.evidence.step, zip(plain, moved, beside, strict=True)
-        return [promised(problem, structure, i, s, step, share * m, b) for i, (s, m, b) in enumerate(ways)]
+        runs = (RunModel(problem, structure, i) for i in range(len(plain)))
+        return [promised(run, s, step, share * m, b) for run, (s, m, b) in zip(runs, ways, strict=True)]
 
     went, kept = _went(problem, structure, point, settled, (moved, beside), hoped(0.0))
     promises = hoped(1.0)
@@ -347,7 +347,7 @@ def _went(
         for share in (*(most * 0.5 ** np.arange(HALVINGS)), 0.0):
             there = point.paths[i].copy()
             there[:, active] += share * moved[i]
-            left = misses(problem, structure, i, theta, there, beside[i])
+            left = misses(RunModel(problem, structure, i), theta, there, beside[i])
             tried.append((costs(i, left), there, left))
             if tried[-1][0] <= aims[i]:
                 break
