@@ -23,7 +23,7 @@ from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import answer, background, errors, support
 from .belonging import odd_run
-from .experiment import propose
+from .experiment import look_closer, propose
 from .findings import SHAKEN, findings, hidden_by
 from .known import uncertainty_of
 from .laws.propose import propose_laws
@@ -137,9 +137,11 @@ def what_next(
         note = "what follows a search was left out: laws, the next experiment, sets of effects not on its way"
         return None, None, [note]
     if state.twins or verdict == "unknown_effect":
+        if not state.rivals:
+            return look_closer(unknown) if unknown else None, None, []
         task.tell("which run would settle what is open")
         each = task.workers.map
-        return *propose(task.problem, each, state.fit, state.rival_fits, state.twins, unknown, undetermined), []
+        return *propose(task.problem, each, state.fit, state.rival_fits, state.twins, undetermined), []
     return sharpened(campaign.sharpen, task, state.fit) if campaign.sharpen else (None, None, [])
 
 

@@ -67,15 +67,12 @@ def propose(
     chosen: Fit,
     rivals: Mapping[str, Fit],
     twins: Mapping[str, tuple[str, ...]],
-    unknown: Unknown | None,
     undetermined: Sequence[str],
 ) -> tuple[str | None, Proposal | None]:
-    """The next run in words, and in numbers where it is one of the menu; None where none helps.
+    """The next run of the menu that sets the rivals apart, in words and in numbers; None where none helps.
 
     ``undetermined`` parameters, which the runs so far say nothing about, would be free to fit the next one.
     """
-    if not rivals:
-        return (None if unknown is None else _look_closer(unknown)), None
 
     def apart(run: MenuRun, separation: Callable) -> Proposal | None:
         if (made := made_run(problem, chosen.model, run)) is None:
@@ -230,7 +227,8 @@ def _other_means(twins: Mapping[str, tuple[str, ...]]) -> str:
     return "Measure a further channel, or the suspected quantity itself."
 
 
-def _look_closer(unknown: Unknown) -> str:
+def look_closer(unknown: Unknown) -> str:
+    """The runs that would tell more of a force of any shape, in words."""
     variable = unknown.depends_on[0] if unknown.depends_on else "time"
     where = ""
     if unknown.at.size:

@@ -121,9 +121,10 @@ def fit(
         accepted = False
         for attempt in range(8):
             try:
-                step, local, gain = _solve(problem, linear, now.theta, structure, now.states, damping, of_runs)
+                proposed = _solve(problem, structure, linear, now, damping, of_runs)
             except np.linalg.LinAlgError:  # derivatives beyond all bounds: nothing to be had from here
                 break
+            gain = proposed[2]
             enough = tolerance + COARSE * max(now.cost - 2.0 * problem.samples, 0.0)
             if gain < enough and of_runs.max() > LOOSE:  # it may only be the damping that holds
                 damping, of_runs = min(damping, LOOSE), np.minimum(of_runs, LOOSE)
@@ -131,7 +132,7 @@ def fit(
             if gain < enough:
                 converged = True
                 break
-            new, better = _moved(problem, structure, now, step, local, gain, settle and attempt < SETTLED)
+            new, better = _moved(problem, structure, now, proposed, settle and attempt < SETTLED)
             good = (now.cost - new.cost) / gain
             ease = 0.1 if good > 0.5 else 0.5 if good > 0.0 else 1.0
             of_runs = np.where(better, np.maximum(ease * of_runs, 1e-9), 10.0 * of_runs)
@@ -151,6 +152,10 @@ def fit(
             break
     chi2 = chi_square([part.residual for part in linear])
     return Fit(structure, now.theta, tuple(now.states), chi2, _covariance(structure, linear), tuple(linear), converged)
+
+
+#: A step of theta (g,) and of each run's initial state (8,), and the fall in cost that it promises.
+Proposed = tuple[np.ndarray, list[np.ndarray], float]
 
 
 @dataclass(frozen=True)
@@ -179,13 +184,14 @@ def _point(
 
 
 def _moved(
-    problem: Problem, structure: Structure, now: _Point, step, local, gain: float, settle: bool
+    problem: Problem, structure: Structure, now: _Point, proposed: Proposed, settle: bool
 ) -> tuple[_Point, np.ndarray]:
     """The point a step further, and which runs (runs,) fared better for moving.
 
     Where the step falls short of the ``gain`` it promises (curved valleys), a run that fares better where it was stays
     there; with ``settle`` each is fitted anew from the better of the two.
     """
+    step, local, gain = proposed
     theta = np.clip(now.theta + step, *structure.bounds)
     moved = _point(problem, structure, theta, [x + dx for x, dx in zip(now.states, local, strict=True)])
     if now.cost - moved.cost > 0.5 * gain:
@@ -194,22 +200,16 @@ def _moved(
     better = moved.each < stayed.each
     states = [a if b else x for a, x, b in zip(moved.states, stayed.states, better, strict=True)]
     if settle and len(theta):
-        return (
-            _point(problem, structure, theta, _settled(problem, Structure(structure.with_theta(theta), ()), states)),
-            better,
-        )
+        states = _settled(problem, Structure(structure.with_theta(theta), ()), states)
+        return _point(problem, structure, theta, states), better
     residuals = [a if b else x for a, x, b in zip(moved.residuals, stayed.residuals, better, strict=True)]
     return _point(problem, structure, theta, states, residuals), better
 
 
 def within_bounds(part: Linearisation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of one run that are within all bounds: residual, derivatives by theta and by the free states."""
-    # Not where NaN.
-    rows = (
-        (np.abs(part.residual) < LOST)
-        & (np.abs(part.by_theta) < LOST).all(axis=1)
-        & (np.abs(part.by_state) < LOST).all(axis=1)
-    )
+    every = np.column_stack([part.residual, part.by_theta, part.by_state])
+    rows = (np.abs(every) < LOST).all(axis=1)  # not where NaN
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
 
 
@@ -222,15 +222,21 @@ def _settled(problem: Problem, held: Structure, states: Sequence[np.ndarray]) ->
     return problem.for_runs(task)
 
 
-def _solve(problem, linear, theta, structure, states, damping, of_runs):
-    """Step of theta and of each run's states and the fall in cost it promises, theta damped by ``damping``, the states
-    of each run by ``of_runs``."""
-    g = len(theta)
+def _solve(
+    problem: Problem,
+    structure: Structure,
+    linear: Sequence[Linearisation],
+    now: _Point,
+    damping: float,
+    of_runs: np.ndarray,
+) -> Proposed:
+    """The step, theta damped by ``damping``, the states of each run by ``of_runs`` (runs,). Raises `LinAlgError`."""
+    theta, g = now.theta, len(now.theta)
     low, high = structure.bounds
     A = structure.precision.copy()
     b = A @ (structure.centre - theta)
     runs = []
-    for data, part, x, own in zip(problem.runs, linear, states, of_runs, strict=True):
+    for data, part, x, own in zip(problem.runs, linear, now.states, of_runs, strict=True):
         r, G, X = within_bounds(part)
         f = part.free_states
         weight = STATE_PRIOR[f] ** -2.0
