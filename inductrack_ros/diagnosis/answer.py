@@ -14,10 +14,9 @@ from scipy import stats
 from ..core.effects.stand_in import VARIABLES, basis, covered
 from ..estimation import columns
 from ..estimation.likelihood import Point
-from ..estimation.linear import all_histories
 from ..estimation.problem import Problem
 from ..estimation.processes import IMPACT
-from ..estimation.shooting import Fit, fit
+from ..estimation.shooting import Fit, all_histories, fit
 from . import background
 from .candidates import WAVES
 from .factor import Factor

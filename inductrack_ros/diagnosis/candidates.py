@@ -13,11 +13,11 @@ from ..core.effects import Effect, catalogue
 from ..estimation import columns
 from ..estimation.blocks import Blocks, blocks_of
 from ..estimation.kalman import Columns, LinearRun
-from ..estimation.linear import force_columns, outputs_of
+from ..estimation.linear import force_columns
 from ..estimation.problem import Problem
 from ..estimation.run_model import RunModel
 from ..estimation.scores import TWO_SHARES, scores, shares_of
-from ..estimation.shooting import Fit
+from ..estimation.shooting import Fit, outputs_of
 from ..estimation.structure import Structure
 from . import placed, unheard
 from .settings import LEVEL

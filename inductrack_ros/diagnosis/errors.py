@@ -11,10 +11,9 @@ import numpy as np
 
 from ..core.state import INDEX
 from ..estimation.likelihood import Point, settle
-from ..estimation.linear import outputs_of
 from ..estimation.problem import Problem, RunData
 from ..estimation.processes import RUN_TO_RUN
-from ..estimation.shooting import Fit, fit, linearise_all
+from ..estimation.shooting import Fit, fit, linearise_all, outputs_of
 from ..estimation.structure import Structure
 from .result import RunTraces, Step
 from .settings import REFIT_STEPS

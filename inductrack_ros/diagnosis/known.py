@@ -3,29 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from ..core.uncertainty import Uncertainty
-from ..estimation.structure import Structure
-
-
-class Fitted(Protocol):
-    """What a fit of any kind has: its structure, theta (g,) and theta's covariance (g, g), and its parameters'
-    deviations by name."""
-
-    @property
-    def structure(self) -> Structure: ...
-
-    @property
-    def theta(self) -> np.ndarray: ...
-
-    @property
-    def covariance(self) -> np.ndarray: ...
-
-    @property
-    def deviations(self) -> dict[str, float]: ...
+from ..estimation.structure import Fitted, Structure
 
 
 def uncertainty_of(fit: Fitted) -> Uncertainty:

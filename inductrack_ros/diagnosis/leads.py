@@ -14,7 +14,6 @@ from ..estimation import fit as end_to_end
 from ..estimation.likelihood import Point
 from ..estimation.problem import Problem
 from ..estimation.shooting import fit
-from ..estimation.structure import Structure
 from .moves import State, Task, fitted_end_to_end, grown, screened, with_effects
 from .screening import CandidateSet
 from .settings import LEAD, REFIT_STEPS
@@ -28,7 +27,7 @@ def best_lead(task: Task, state: State) -> State | None:
     n log(error). Errors of a wrong model last, so n counts those that are independent."""
     screening = screened(task, state)
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
-    plain = _flown(task, state.fit.structure, state.fit.point)
+    plain = fitted_end_to_end(task, state.fit.structure, state.fit.point)
     independent = _independent(task.problem, plain)
     error = _left(task.problem, plain)
 
@@ -60,12 +59,8 @@ class Flown:
 def _with(task: Task, state: State, one: CandidateSet) -> Flown:
     task.say(f"{one.members[0].name}, flown from the start")
     structure, point = with_effects(task.problem, state.fit, one)
-    found = _flown(task, structure, point)
+    found = fitted_end_to_end(task, structure, point)
     return Flown(one, point, found, _left(task.problem, found))
-
-
-def _flown(task: Task, structure: Structure, point: Point) -> end_to_end.Fit:
-    return fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
 
 
 def _left(problem: Problem, found: end_to_end.Fit) -> float:

@@ -233,11 +233,12 @@ def _told_apart(flown: Sequence[end_to_end.Fit]) -> tuple[int, float] | None:
 
 
 def fitted_end_to_end(
-    task: Task, structure: Structure, point: Point, runs: Sequence[int], settle: bool = False
+    task: Task, structure: Structure, point: Point, runs: Sequence[int] | None = None, settle: bool = False
 ) -> end_to_end.Fit:
-    """Some runs fitted from end to end, with contact taken exactly, from a point nearby; ``settle``: each run's initial
-    state anew where a joint step falls short."""
+    """Runs (all, unless said) fitted from end to end, with contact taken exactly, from a point nearby; ``settle``: each
+    run's initial state anew where a joint step falls short."""
     problem = task.problem
+    runs = range(len(problem.runs)) if runs is None else runs
     found = {p.on: p.size for p in point.processes if p.kind == background.WHITE and p.on not in task.given}
     part = problem.subset(runs).with_changes(sigma=problem.sigma * [found.get(c, 1.0) for c in problem.channels])
     states = [point.paths[i][0, :8] for i in runs]
@@ -246,7 +247,7 @@ def fitted_end_to_end(
 
 def _flown_exactly(task: Task, structure: Structure, point: Point) -> end_to_end.Fit:
     """All runs fitted from end to end. Past a contact the valleys are so curved that joint steps alone creep."""
-    return fitted_end_to_end(task, structure, point, range(len(task.problem.runs)), settle=True)
+    return fitted_end_to_end(task, structure, point, settle=True)
 
 
 def _most_left(task: Task, run: int) -> float:
@@ -259,12 +260,6 @@ def _most_left(task: Task, run: int) -> float:
 def touches(f: Fit) -> bool:
     """Whether runs touch the track and contact is not taken exactly yet."""
     return not f.exact and any(t.any() for t in f.touching)
-
-
-def _exact(task: Task, structure: Structure, point: Point) -> Fit | None:
-    """The fit with contact taken exactly from a point nearby; None where more than noise is left."""
-    whole = _flown_exactly(task, structure, point)
-    return exactly(task.problem, structure, point, REFIT_STEPS, whole) if whole.leaves_noise else None
 
 
 def all_refitted(task: Task, state: State, sets: Sequence[CandidateSet], family: int) -> list[State]:
@@ -330,8 +325,9 @@ def taken_exactly(task: Task, state: State) -> State:
     Until the physics is right, blows are forgiven and only what is read outside a contact counts: then a shaken rig is
     no friction."""
     f = state.fit
-    if not touches(f) or (new := _exact(task, f.structure, f.point)) is None:
+    if not touches(f) or not (whole := _flown_exactly(task, f.structure, f.point)).leaves_noise:
         return state
+    new = exactly(task.problem, f.structure, f.point, REFIT_STEPS, whole)
     exact = replace(state, fit=new).told(f"contact taken exactly: deviance {new.deviance:.0f}")
     return smoothed_anew(task, exact) if state.stands_in else exact
 

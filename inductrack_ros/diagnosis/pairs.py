@@ -14,10 +14,9 @@ import numpy as np
 
 from ..estimation.blocks import Blocks, blocks_of
 from ..estimation.kalman import LinearRun, log_determinant
-from ..estimation.linear import all_histories
 from ..estimation.problem import Problem
 from ..estimation.scores import shares_in
-from ..estimation.shooting import ANEW, Fit, linearise_all
+from ..estimation.shooting import ANEW, Fit, all_histories, linearise_all
 from .factor import Factor
 from .laws.forms import ALONG
 from .moves import State, Task, law_price, shaken, smoothed_anew, with_law, without

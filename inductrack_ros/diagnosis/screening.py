@@ -14,12 +14,12 @@ from ..core.state import COORDINATES, MOVING
 from ..estimation.blocks import Blocks, blocks_of
 from ..estimation.kalman import Columns, LinearRun
 from ..estimation.likelihood import NO_POWER
-from ..estimation.linear import acting, all_histories, force_columns, histories
+from ..estimation.linear import acting, force_columns, histories
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.run_model import RunModel
 from ..estimation.scores import Background, Scores, pushed_by, scores, shares_in, whitened
-from ..estimation.shooting import Fit
+from ..estimation.shooting import Fit, all_histories
 from ..estimation.structure import Structure
 from . import unheard
 from .candidates import Candidate, sought

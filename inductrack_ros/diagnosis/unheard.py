@@ -13,12 +13,11 @@ import numpy as np
 
 from ..estimation.kalman import MUTE, LinearRun
 from ..estimation.likelihood import weigh
-from ..estimation.linear import outputs_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.run_model import RunModel
 from ..estimation.scores import SHARES, Background
-from ..estimation.shooting import Fit, fit
+from ..estimation.shooting import Fit, fit, outputs_of
 from ..estimation.structure import Structure
 
 #: A coordinate that may be off by so many sigmas is not heard where the sensor shows less than this part of that. The

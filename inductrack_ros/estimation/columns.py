@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.effects import Effect
-from ..core.kernel import QUANTITIES
 from ..core.state import INDEX
 from ..data.stretches import stretches
 from .kalman import Columns
 from .linear import THETA_STEP, mean_pulse, near_track
 from .problem import Problem
+from .response import quantities_along
 from .run_model import RunModel
 from .shooting import Fit
 from .structure import Structure
@@ -139,15 +139,6 @@ def all_carried(problem: Problem, structure: Structure, paths: Sequence[np.ndarr
 
 def quantities(problem: Problem, fit: Fit, i: int, names: Sequence[str], raised: float = 0.0) -> np.ndarray:
     """Quantities (n, q) of the equations along run i, the cradle ``raised`` above where it was (m)."""
-    data, model, path = problem.runs[i], fit.model, fit.paths[i]
-    P = problem.vectors(Structure(model, ()), i, np.zeros((1, 0)))[0]
-    dx, q = np.zeros(path.shape[1]), np.zeros(len(QUANTITIES))
-    columns = [QUANTITIES.index(n) for n in names]
-    out = np.zeros((len(path), len(columns)))
-    x = np.zeros(path.shape[1])
-    for k, t in enumerate(data.grid):
-        x[:] = path[k]
-        x[INDEX["heave"]] += raised
-        model.kernel.evaluate(t, x, P, model.switches, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
-        out[k] = q[columns]
-    return out
+    run, path = RunModel(problem, Structure(fit.model, ()), i), fit.paths[i].copy()
+    path[:, INDEX["heave"]] += raised
+    return quantities_along(run.data, run.model, run.vectors(np.zeros((1, 0)))[0], path, names)

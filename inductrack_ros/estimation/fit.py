@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from .problem import BOTH_SIDES, STATE_PRIOR, Linearisation, Problem
-from .structure import Structure
+from .structure import Fitted, Structure
 
 #: Residuals and derivatives (over noise) beyond this are those of a simulation that has left all bounds.
 LOST = 1e12
@@ -34,7 +33,7 @@ UNPREDICTED = 1.0
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Fitted):
     """A fitted structure: theta (g,), initial states (8,) a run, χ² of all samples, covariance of theta (g, g)."""
 
     structure: Structure
@@ -44,21 +43,6 @@ class Fit:
     covariance: np.ndarray
     linear: tuple[Linearisation, ...]
     converged: bool
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Fitted parameters by full name."""
-        return self.structure.decode(self.theta)
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Their standard deviations."""
-        return self.structure.spread(self.theta, np.sqrt(np.diag(self.covariance)))
-
-    @cached_property
-    def model(self):
-        """The model with the fitted parameters."""
-        return self.structure.with_theta(self.theta)
 
     @property
     def of_runs(self) -> np.ndarray:

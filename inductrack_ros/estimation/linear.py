@@ -4,15 +4,13 @@ histories."""
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from ..core.effects.stand_in import VARIABLES, entries
 from ..core.model import Model
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, STATES
 from .kalman import Columns, LinearRun
-from .problem import GRID, STATE_PRIOR, Problem, RunData
+from .problem import GRID, STATE_PRIOR, RunData
 from .response import STATE_STEPS
 from .run_model import RunModel
 from .structure import Structure
@@ -23,17 +21,6 @@ THETA_STEP, CARRIED_STEP = 2e-3, 1e-6
 SMALL = 1e-4
 #: A gap (m) below which a node counts as touching: ten times what a resting cradle sinks in.
 NEARLY_TOUCHING = 3e-4
-
-
-class Fitted(Protocol):
-    """What a fit has: its structure, theta (g,) and a trajectory (n, N) for each run."""
-
-    @property
-    def structure(self) -> Structure: ...
-    @property
-    def theta(self) -> np.ndarray: ...
-    @property
-    def paths(self) -> tuple[np.ndarray, ...]: ...
 
 
 def linearise(run: RunModel, theta: np.ndarray, path: np.ndarray) -> LinearRun:
@@ -198,11 +185,6 @@ def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
     return {v: np.ascontiguousarray(found[v]) for v in VARIABLES}
 
 
-def all_histories(problem: Problem, fit: Fitted) -> list[dict[str, np.ndarray]]:
-    """`histories` of every run along a fit's trajectories."""
-    return [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
-
-
 def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.ndarray) -> Columns:
     """What force histories (n, 4, l) (N, N·m by coordinate) would do to a run: a trapezoid between nodes."""
     inertia = np.array([model.parameters["mass"]] * 3 + [model.parameters["roll_inertia"]])
@@ -216,11 +198,6 @@ def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.nda
         mine = data.column == INDEX[name]
         change[mine] = a[data.row[mine], c] / sigma[data.channel[mine]][:, None]
     return Columns(inputs, change)
-
-
-def outputs_of(problem: Problem, fit: Fitted, i: int) -> np.ndarray:
-    """Outputs (n, 15) at the nodes of a fit's run i."""
-    return RunModel(problem, fit.structure, i).pieces(fit.paths[i], fit.theta[None])[0][:, 0]
 
 
 def _start(run: RunModel, theta: np.ndarray, x: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:

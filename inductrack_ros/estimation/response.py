@@ -58,16 +58,9 @@ class RunResponse:
     ) -> np.ndarray:
         """Quantities (n, q) of the equations along the run, its states moved by an ``offset`` (8,); ``on`` other
         switches."""
-        model, data = self.model, self.data
-        on = model.switches if on is None else on
-        x, dx, q = (np.zeros(n) for n in (len(model.kernel.states), len(model.kernel.states), len(QUANTITIES)))
-        columns = [QUANTITIES.index(n) for n in names]
-        out = np.zeros((len(self.grid), len(columns)))
-        for k, t in enumerate(self.grid):
-            x[:8] = self.outputs[k, :8] + offset
-            model.kernel.evaluate(t, x, self.P, on, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
-            out[k] = q[columns]
-        return out
+        path = np.zeros((len(self.grid), len(self.model.kernel.states)))
+        path[:, :8] = self.outputs[:, :8] + offset
+        return quantities_along(self.data, self.model, self.P, path, names, on)
 
     def forces(self, acts_on: str, histories: np.ndarray) -> np.ndarray:
         """Force histories (n, 4, l) from those (n, l) of what a stand-in acts on: a coordinate's force, or shares of
@@ -110,6 +103,20 @@ class RunResponse:
             np.column_stack([self.quantities([name], side * offset)[:, 0] for offset in moved]) for side in (1.0, -1.0)
         )
         return (ahead - behind) / (2.0 * STATE_STEPS)
+
+
+def quantities_along(
+    data, model, P: np.ndarray, path: np.ndarray, names: Sequence[str], on: np.ndarray | None = None
+) -> np.ndarray:
+    """Quantities (n, q) of the equations along a run's states (n, N); ``on`` other switches than the model's."""
+    on = model.switches if on is None else on
+    dx, q = np.zeros(path.shape[1]), np.zeros(len(QUANTITIES))
+    columns = [QUANTITIES.index(n) for n in names]
+    out = np.zeros((len(path), len(columns)))
+    for k, t in enumerate(data.grid):
+        model.kernel.evaluate(t, path[k].copy(), P, on, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
+        out[k] = q[columns]
+    return out
 
 
 def gap_geometry(model) -> np.ndarray:

@@ -10,19 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from . import fit as end_to_end
 from .kalman import LinearRun, run_smoother
 from .likelihood import TOLERANCE, Beside, Evidence, Lost, Misses, Point, Settled, cost, misses, promised, settle, weigh
-from .linear import linearise
+from .linear import histories, linearise
 from .problem import STATE_PRIOR, Problem
 from .processes import IMPACT, Process, offsets, tightened
 from .run_model import RunModel
 from .start import start
-from .structure import Structure
+from .structure import Fitted, Structure
 
 #: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the
 #: data.
@@ -44,7 +43,7 @@ QUIET, FLOWN_STEPS = 1e-8, 15
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Fitted):
     """A structure fitted by multiple shooting.
 
     - theta: (g,); covariance: of theta, (g, g)
@@ -64,21 +63,6 @@ class Fit:
     processes: tuple[Process, ...] = ()
     exact: bool = False
     touching: tuple[np.ndarray, ...] = ()
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Fitted parameters by full name."""
-        return self.structure.decode(self.theta)
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Their standard deviations."""
-        return self.structure.spread(self.theta, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
-
-    @cached_property
-    def model(self):
-        """The model with the fitted parameters."""
-        return self.structure.with_theta(self.theta)
 
     @property
     def lost(self) -> bool:
@@ -102,6 +86,16 @@ def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | Non
     assert chosen is not None
     systems = problem.for_runs(lambda i: linearise(RunModel(problem, chosen, i), fit.theta, fit.paths[i]))
     return [replace(s, touching=np.zeros_like(s.touching), contact=None) for s in systems] if fit.exact else systems
+
+
+def all_histories(problem: Problem, fit: Fit) -> list[dict[str, np.ndarray]]:
+    """`histories` of every run along a fit's trajectories."""
+    return [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
+
+
+def outputs_of(problem: Problem, fit: Fit, i: int) -> np.ndarray:
+    """Outputs (n, 15) at the nodes of a fit's run i."""
+    return RunModel(problem, fit.structure, i).pieces(fit.paths[i], fit.theta[None])[0][:, 0]
 
 
 def fit(

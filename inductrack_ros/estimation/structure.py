@@ -46,6 +46,29 @@ class Smoothness:
         return self.weight * self.bending(count) + np.diag(np.full(count, (STRAIGHT * typical) ** -2.0))
 
 
+class Fitted:
+    """What every fit of a ``structure`` has: ``theta`` (g,) and its ``covariance`` (g, g)."""
+
+    structure: Structure
+    theta: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted parameters by full name."""
+        return self.structure.decode(self.theta)
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Their standard deviations."""
+        return self.structure.spread(self.theta, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @cached_property
+    def model(self) -> Model:
+        """The model with the fitted parameters."""
+        return self.structure.with_theta(self.theta)
+
+
 @dataclass(frozen=True)
 class Structure:
     """A model whose ``free`` parameters (full names, e.g. ``eta`` or ``aerodynamic_drag.drag_area``) are to be fitted.
