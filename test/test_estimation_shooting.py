@@ -105,7 +105,7 @@ def test_a_fit_goes_on_while_the_disturbance_still_falls():
     theta = np.append(without.theta, structure.start[-1])
     point = replace(without.point, theta=theta)
     new = shooting.fit(of, structure, point)
-    last = likelihood.settle(of, structure, shooting.linearise_all(of, new), new.point, 1)
+    last = likelihood.maximise_evidence(of, structure, shooting.linearise_all(of, new), new.point, 1)
     assert new.converged and last.to_gain < 1.0 and (new.power < 1e-6).all()
 
 

@@ -14,7 +14,7 @@ from scipy import stats
 
 from ..checks import Finding
 from ..estimation.kalman import LinearRun
-from ..estimation.likelihood import TOLERANCE, Point, Settled, settle
+from ..estimation.likelihood import TOLERANCE, MostLikely, Point, maximise_evidence
 from ..estimation.problem import Problem
 from ..estimation.processes import (
     COLOURED,
@@ -159,7 +159,7 @@ def families(
     memory = {h.channel: h.size["correlation_time"] for h in hints if h.kind == COLOURED}
     rounded = {h.channel for h in hints if h.kind == ROUNDED and h.channel}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
-    here = settle(problem, f.structure, plain, f.point, 1)
+    here = maximise_evidence(problem, f.structure, plain, f.point, 1)
     whitened = [np.where(s.scored, w, np.nan) for s, w in zip(here.systems, here.evidence.whitened, strict=True)]
     suspects = remembering(problem, whitened) | set(memory)
     hums = humming(problem, whitened) | {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
@@ -203,12 +203,12 @@ def quieter(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[Line
 
 def _settled(
     problem: Problem, f: Fit, plain: Sequence[LinearRun], power: np.ndarray, processes: Sequence[Process], passes=PASSES
-) -> Settled:
+) -> MostLikely:
     """Processes and the disturbances beside them as they are likeliest along a fit's trajectories."""
-    return settle(problem, f.structure, plain, Point(f.theta, f.paths, power, tuple(processes)), passes)
+    return maximise_evidence(problem, f.structure, plain, Point(f.theta, f.paths, power, tuple(processes)), passes)
 
 
-def _cost(problem: Problem, given: Sequence[str], s: Settled) -> float:
+def _cost(problem: Problem, given: Sequence[str], s: MostLikely) -> float:
     """The deviance with what the processes cost by chance."""
     return s.evidence.deviance + price(problem, given, s.processes)
 
@@ -219,7 +219,7 @@ def _refitted(problem: Problem, f: Fit, **changes: object) -> Fit:
     return f if new.lost else new
 
 
-def _tried(problem: Problem, f: Fit, plain: Sequence[LinearRun], processes: Sequence[Process]) -> Settled:
+def _tried(problem: Problem, f: Fit, plain: Sequence[LinearRun], processes: Sequence[Process]) -> MostLikely:
     """Processes settled, the better of `STARTS`; those of which nothing is left are dropped."""
     starts = STARTS if processes[-1].kind == RUN_TO_RUN else STARTS[:1]
     settled = [_settled(problem, f, plain, share * f.power, processes) for share in starts]
@@ -227,7 +227,7 @@ def _tried(problem: Problem, f: Fit, plain: Sequence[LinearRun], processes: Sequ
     return replace(best, processes=tuple(p for p in best.processes if not p.gone or p.kind == WHITE))
 
 
-def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], tried: Settled) -> Settled:
+def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], tried: MostLikely) -> MostLikely:
     """Without each process beside the fit's own that does not pay for itself."""
     for p in tried.processes:
         if p in f.processes or not optional(p, given):
@@ -242,7 +242,7 @@ def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[
 def lean(problem: Problem, f: Fit, given: Sequence[str]) -> Fit:
     """A fit without the processes that no longer pay."""
     plain = linearise_all(problem, f)
-    here = settle(problem, f.structure, plain, f.point, 1)
+    here = maximise_evidence(problem, f.structure, plain, f.point, 1)
     here = replace(here, evidence=replace(here.evidence, deviance=f.deviance))  # with what its trajectories miss
     best = _lean(problem, replace(f, processes=()), plain, given, here)
     if len(best.processes) == len(f.processes):

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.state import INDEX
-from ..estimation.likelihood import Point, settle
+from ..estimation.likelihood import Point, maximise_evidence
 from ..estimation.problem import Problem, RunData
 from ..estimation.processes import RUN_TO_RUN
 from ..estimation.shooting import Fit, fit, linearise_all, outputs_of
@@ -38,7 +38,7 @@ def own_thetas(problem: Problem, f: Fit) -> list[np.ndarray]:
     """Theta (g,) of every run: the fit's, and what differs from run to run beside it."""
     if not any(p.kind == RUN_TO_RUN for p in f.processes):
         return [f.theta] * len(problem.runs)
-    settled = settle(problem, f.structure, linearise_all(problem, f), f.point, 1)
+    settled = maximise_evidence(problem, f.structure, linearise_all(problem, f), f.point, 1)
     found = []
     for smooth in settled.smooth:
         theta, at = f.theta.copy(), len(f.model.active_states)

@@ -23,7 +23,7 @@ from ..core.state import GAPS, INDEX, MOTION, STATES
 from ..data.limits import Limits
 from ..data.measurement import Run
 from ..estimation import columns, shooting
-from ..estimation.likelihood import Lost, Point, weigh
+from ..estimation.likelihood import Lost, Point, evidence_of
 from ..estimation.problem import Problem, lay_out
 from ..estimation.processes import IMPACT
 from ..estimation.shooting import Fit
@@ -204,7 +204,7 @@ def _left(made: Problem, structure: Structure, point: Point) -> float:
     """√χ² of the readings and of what is known of theta, to first order about a point, where nothing shakes the
     cradle."""
     try:
-        found = weigh(made, structure, shooting.linearise_all(made, point, structure), point.theta, np.zeros(4))
+        found = evidence_of(made, structure, shooting.linearise_all(made, point, structure), point.theta, np.zeros(4))
     except Lost:
         return np.inf
     return float(np.sqrt(found.chi2 + structure.surprise(point.theta + found.step)))

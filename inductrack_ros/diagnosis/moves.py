@@ -15,7 +15,7 @@ from ..core.state import COORDINATES
 from ..estimation import columns
 from ..estimation import fit as end_to_end
 from ..estimation.kalman import LinearRun
-from ..estimation.likelihood import NO_POWER, Point, weigh
+from ..estimation.likelihood import NO_POWER, Point, evidence_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.shooting import ANEW, FLOWN_STEPS, Fit, exactly, first_power, fit, linearise_all
@@ -103,11 +103,11 @@ def shaken(task: Task, state: State, systems: Sequence[LinearRun] | None = None)
     problem, f = task.problem, state.fit
     systems = systems or linearise_all(problem, f)
     full = problem.for_runs(lambda i: augmented(problem, f.structure, i, systems[i], f.processes))
-    here = weigh(problem, f.structure, full, f.theta, f.power).deviance
+    here = evidence_of(problem, f.structure, full, f.theta, f.power).deviance
     found = []
     for c, name in enumerate(COORDINATES):
         if f.power[c] > NO_POWER:
-            still = weigh(problem, f.structure, full, f.theta, np.where(np.arange(4) == c, 0.0, f.power)).deviance
+            still = evidence_of(problem, f.structure, full, f.theta, np.where(np.arange(4) == c, 0.0, f.power)).deviance
             if still > here + SHAKEN:
                 found.append(name)
     return found

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..estimation.kalman import MUTE, LinearRun
-from ..estimation.likelihood import weigh
+from ..estimation.likelihood import evidence_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.run_model import RunModel
@@ -53,7 +53,7 @@ def promised(
     muted = [s.muted(d) for s, d in zip(systems, dead, strict=True)]
     full = problem.for_runs(lambda i: augmented(problem, f.structure, i, muted[i], f.processes))
     powers = [share * f.power for share in SHARES]
-    deviances = [weigh(problem, f.structure, full, f.theta, power).deviance for power in powers]
+    deviances = [evidence_of(problem, f.structure, full, f.theta, power).deviance for power in powers]
     best = int(np.argmin(deviances))
     scored = sum(int((d & s.scored).sum()) for s, d in zip(muted, dead, strict=True))
     muting = sum(float(np.log(MUTE) * (d & s.charged).sum()) for s, d in zip(muted, dead, strict=True))

@@ -230,7 +230,9 @@ def offsets(system: LinearRun, wide: LinearRun, deviations: np.ndarray) -> tuple
     return readings, np.einsum("nae,ne->na", wide.transitions[:, :N, N:], extra)
 
 
-def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int) -> np.ndarray:
+def of_variances(
+    problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int
+) -> np.ndarray:
     """Found and expected (2, p) of each process's variance, over all runs: where they are equal it is the likeliest."""
     result, at = np.zeros((2, len(processes))), n_states
     for k, p in enumerate(processes):
