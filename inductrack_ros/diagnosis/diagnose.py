@@ -25,7 +25,6 @@ from . import answer, background, errors, support
 from .belonging import odd_run
 from .experiment import look_closer, propose
 from .findings import SHAKEN, findings, hidden_by
-from .known import uncertainty_of
 from .laws.propose import propose_laws
 from .moves import State, Task, last_screened
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Proposal, Unknown
@@ -124,7 +123,7 @@ def diagnosis_of(
         traces=errors.traces_of(problem, fits | answer.with_laws(state, laws)),
         proposal=proposal,
         log=state.log,
-        uncertainty=uncertainty_of(f),
+        uncertainty=f.uncertainty,
         laws=laws,
     )
 

@@ -24,6 +24,8 @@ LEVEL = 0.95  # of every interval stated here
 FLAT = 0.25
 #: Profiles are followed to this relative distance from the best value; an interval that does not end there has no end.
 REACH = 0.9
+#: Points of a profile on each side of the best value, about.
+POINTS = 7
 #: Residual where the model cannot be simulated.
 FAR = 1e9
 #: Residuals less likely than this under the stated noise alone are remarked upon.
@@ -231,7 +233,7 @@ class Identification:
         ends."""
         return self.rise(fit, name, value)[0] <= fit.threshold
 
-    def profile(self, fit: Fit, name: str, points: int = 7) -> Profile:
+    def profile(self, fit: Fit, name: str) -> Profile:
         """Profile likelihood of one parameter, out to where it has left the 95 % interval on both sides, or to
         `REACH`."""
         i = fit.free.index(name)
@@ -243,8 +245,8 @@ class Identification:
         lowest, highest = max(declared.low, centre - reach), min(declared.high, centre + reach)
         found = [(centre, 0.0, fit.values)]
         for sign in (-1.0, 1.0):
-            last, rise, near, step = centre, 0.0, fit.values, 2.6 * std / points
-            for _ in range(4 * points):
+            last, rise, near, step = centre, 0.0, fit.values, 2.6 * std / POINTS
+            for _ in range(4 * POINTS):
                 value = float(np.clip(last + sign * step, lowest, highest))
                 if value == last:
                     break
@@ -253,7 +255,7 @@ class Identification:
                 last = value
                 if rise > 1.6 * limit:
                     break
-                if len(found) % points == 0:
+                if len(found) % POINTS == 0:
                     step *= 1.7
         found.sort(key=lambda item: item[0])
         values = np.array([f[0] for f in found])

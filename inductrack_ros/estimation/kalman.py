@@ -180,9 +180,12 @@ def log_determinant(tally: np.ndarray) -> float:
 class Smoothed:
     """Deviations (n, N) of the nodes, and what the data show (found, expected) of each variance.
 
-    Twice the log likelihood's derivative is found − expected: by a power of the disturbances, ``of_power`` (2, 4); by
-    the logarithm of the variance of a state's kicks and start, ``of_states`` (2, N), and of a reading, ``of_readings``
-    (2, m); ``counts`` (m,) which of these count."""
+    Twice the log likelihood's derivative is found − expected.
+
+    - of_power (2, 4): by a power of the disturbances
+    - of_states (2, N): by the logarithm of the variance of a state's kicks and start
+    - of_readings (2, m): by that of a reading; counts (m,): which of these count
+    """
 
     deviations: np.ndarray
     of_power: np.ndarray
@@ -264,8 +267,8 @@ def _triangularised(a, rows, columns):
 
 @compiled_once
 def _taken_in(some, S, C, H, Y, R, f, innovations, variances, gains):
-    """Take in some readings (first and last + 1) one by one, by Potter's update of the root S (N, N) of the covariance
-    and of the means C (N, c); the last three are filled, f (N,) is for work."""
+    """Take in some readings (first and last + 1) one by one by Potter's update. It changes the root S (N, N) of the
+    covariance and the means C (N, c). The last three are filled; f (N,) is for work."""
     N, columns = C.shape
     for j in range(some[0], some[1]):
         square = R[j]

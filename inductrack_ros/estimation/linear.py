@@ -30,7 +30,7 @@ def linearise(run: RunModel, theta: np.ndarray, path: np.ndarray) -> LinearRun:
     active = model.active_states
     n, A, g = len(path), len(active), len(theta)
     steps = np.where(theta + THETA_STEP <= structure.bounds[1], THETA_STEP, -THETA_STEP)
-    single, of_sensors, _ = _kinds(structure)
+    single, of_sensors = _kinds(structure)
     thetas = np.vstack([np.tile(theta, (1 + A, 1)), theta + np.diag(steps)[single]])
     by_state = np.concatenate(
         [STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, active[8:]]).max(axis=0, initial=0.0))]
@@ -120,11 +120,11 @@ def near_track(run: RunModel, path: np.ndarray) -> np.ndarray:
     return _touching(run.model, outputs[:, 0])
 
 
-def _kinds(structure: Structure) -> tuple[list[int], list[int], list[int]]:
-    """Indices in theta of the plant's single parameters, of the sensors' and of the tables' entries."""
-    tabled = sorted(k for mine in structure.tables.values() for k in mine)
+def _kinds(structure: Structure) -> tuple[list[int], list[int]]:
+    """Indices in theta of the plant's single parameters and of the sensors'; the rest are entries of tables."""
+    tabled = {k for mine in structure.tables.values() for k in mine}
     single = [k for k, column in enumerate(structure.columns) if column is not None and k not in tabled]
-    return single, [k for k, column in enumerate(structure.columns) if column is None], tabled
+    return single, [k for k, column in enumerate(structure.columns) if column is None]
 
 
 def _table_forces(run: RunModel, theta: np.ndarray, path: np.ndarray, effect: str) -> np.ndarray:
