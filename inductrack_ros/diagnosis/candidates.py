@@ -63,39 +63,35 @@ def sought(
     problem: Problem, fit: Fit, systems: Sequence[LinearRun], wavy: bool
 ) -> tuple[dict[str, Candidate], dict[str, list[Columns]]]:
     """All candidates and, for each, what it would do to every run."""
-    known = fit.model.known_effects
-    somewhere = [n for n in names(problem, fit.structure) if placed.is_placed(known[n.partition(":")[0]])]
-    at_once = {n: start for n in names(problem, fit.structure) if (start := _of_readings(problem, known, n))}
-    wanted = [n for n in names(problem, fit.structure) if n not in (WAVES, *somewhere, *at_once)]
-    parameters = {n: known[n.partition(":")[0]].parameters for n in wanted}
-    candidates = {n: Candidate(n, n, {}, len(parameters[n])) for n in wanted}
+    effect = {n: fit.model.known_effects[n.partition(":")[0]] for n in names(problem, fit.structure)}
+    somewhere = [n for n in effect if placed.is_placed(effect[n])]
+    at_once = {n: start for n in effect if (start := _of_readings(problem, effect[n], n))}
+    wanted = [n for n in effect if n not in (WAVES, *somewhere, *at_once)]
+    candidates = {n: Candidate(n, n, {}, len(effect[n].parameters)) for n in wanted}
     told = columns.told_by_forces(problem, fit)
-    parts = columns.of_parameters(problem, fit, [n for n in wanted if parameters[n]], told)
-    parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not parameters[n]}
+    parts = columns.of_parameters(problem, fit, [n for n in wanted if effect[n].parameters], told)
+    parts |= {n: columns.of_switch(problem, fit, n) for n in wanted if not effect[n].parameters}
     follows = wavy and not fit.exact  # a plant that nothing shakes does not follow its readings
     for n, start in at_once.items():
         dead = unheard.unheard(problem, fit, n, start) if follows else ()
         candidates[n] = Candidate(n, n, start, len(start), unheard=dead if any(d.any() for d in dead) else ())
         parts[n] = columns.of_switch(problem, fit, n, start)
-    if wavy and WAVES in names(problem, fit.structure):
-        for candidate, part in _waves(problem, fit, systems):
-            candidates[candidate.label], parts[candidate.label] = candidate, part
+    started = _waves(problem, fit, systems) if wavy and WAVES in effect else []
     covered = placed.ranges([outputs_of(problem, fit, i) for i in range(len(problem.runs))]) if somewhere else {}
     for name in somewhere:
-        for candidate, part in _placed(problem, fit, systems, name, covered, told):
-            candidates[candidate.label], parts[candidate.label] = candidate, part
-    return candidates, parts
+        started += _placed(problem, fit, systems, name, covered, told)
+    candidates |= {c.label: c for c, _ in started}
+    return candidates, parts | {c.label: part for c, part in started}
 
 
-def _of_readings(problem: Problem, known: Mapping[str, Effect], name: str) -> Mapping[str, float]:
-    """Where the parameters of an effect of a sensor start as its readings say; empty where it is asked for while it
+def _of_readings(problem: Problem, effect: Effect, name: str) -> Mapping[str, float]:
+    """Where the parameters of a sensor's effect start as its readings say; empty where it is asked for while it
     vanishes."""
-    base, _, channel = name.partition(":")
-    starts = known[base].starts
-    if not channel or not starts:
+    channel = name.partition(":")[2]
+    if not channel or not effect.starts:
         return {}
     mine = problem.channels.index(channel)
-    return starts(np.concatenate([d.y[d.channel == mine] for d in problem.runs]))[0]
+    return effect.starts(np.concatenate([d.y[d.channel == mine] for d in problem.runs]))[0]
 
 
 # ---------------------------------------------------------------- effects at a place
