@@ -15,7 +15,6 @@ from ..estimation.blocks import Blocks, blocks_of
 from ..estimation.kalman import Columns, LinearRun
 from ..estimation.linear import force_columns
 from ..estimation.problem import Problem
-from ..estimation.run_model import RunModel
 from ..estimation.scores import TWO_SHARES, scores, shares_of
 from ..estimation.shooting import Fit, outputs_of
 from ..estimation.structure import Structure
@@ -117,15 +116,8 @@ def _placed(
         """What each of some starts would do to every run."""
         rows = [r for k in starts for r in asked.of(k)]
         wide, thetas = placed.thetas(plain, np.empty(0), name, [asked.rows[r][2] for r in rows])
-        steps = np.array([asked.rows[r][3] for r in rows])
-
-        def one(i: int) -> Columns:
-            run = RunModel(problem, wide, i)
-            path = columns.carried(run, fit.paths[i]) if item.states else fit.paths[i]
-            means = None if columns.needs_integration(item) else told[i]
-            return columns.differences(run, path, thetas, steps, fit.model.active_states, means)
-
-        every, edges = problem.for_runs(one), np.cumsum([0] + [len(asked.of(k)) for k in starts])
+        every = columns.of_thetas(problem, fit, wide, thetas, np.array([asked.rows[r][3] for r in rows]), told)
+        edges = np.cumsum([0] + [len(asked.of(k)) for k in starts])
         return [[c.some(slice(a, b)) for c in every] for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
     promised = np.empty(len(asked.starts))

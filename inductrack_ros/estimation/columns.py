@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.effects import Effect
 from ..core.state import INDEX
 from ..data.stretches import stretches
 from .kalman import Columns
@@ -43,35 +42,43 @@ def told_by_forces(problem: Problem, fit: Fit) -> list[Told]:
 def of_parameters(problem: Problem, fit: Fit, effects: Sequence[str], told: Sequence[Told]) -> dict[str, list[Columns]]:
     """By effect, what each of its parameters would do to every run where the effect vanishes, in typical sizes;
     ``told`` as `told_by_forces` gives it."""
-    known = fit.model.known_effects
-    integrated = [n for n in effects if needs_integration(known[n.partition(":")[0]])]
+    integrated = [n for n in effects if needs_integration(fit, n)]
     found = {}
-    for names, means in ((integrated, [None] * len(told)), ([n for n in effects if n not in integrated], told)):
+    for names in (integrated, [n for n in effects if n not in integrated]):
         wide = Structure(fit.model, ())
         for name in names:
             wide = wide.plus(name)
-        of = [full.rpartition(".")[0] for full in wide.free]
-        theta = wide.start
-        steps = np.where(theta + THETA_STEP <= wide.bounds[1], THETA_STEP, -THETA_STEP)
-        thetas = np.vstack([theta, theta + np.diag(steps)])
-
-        states = any(known[n.partition(":")[0]].states for n in names)
-
-        def one(i: int, wide=wide, thetas=thetas, steps=steps, means=means, states=states) -> Columns:
-            run = RunModel(problem, wide, i)
-            path = carried(run, fit.paths[i]) if states else fit.paths[i]
-            return differences(run, path, thetas, steps, fit.model.active_states, means[i])
-
-        runs = problem.for_runs(one) if names else []
+        steps = np.where(wide.start + THETA_STEP <= wide.bounds[1], THETA_STEP, -THETA_STEP)
+        runs = of_thetas(problem, fit, wide, np.vstack([wide.start, wide.start + np.diag(steps)]), steps, told)
         for name in names:
-            mine = [k for k, owner in enumerate(of) if owner == name]
+            mine = [k for k, full in enumerate(wide.free) if full.rpartition(".")[0] == name]
             found[name] = [Columns(c.inputs[:, :, mine], c.data[:, mine]) for c in runs]
     return found
 
 
-def needs_integration(item: Effect) -> bool:
+def of_thetas(
+    problem: Problem, fit: Fit, wide: Structure, thetas: np.ndarray, steps: np.ndarray, told: Sequence[Told]
+) -> list[Columns]:
+    """`differences` of every run along a fit's trajectories, for a structure with further effects: their states follow
+    from node to node. Pieces are integrated where one of them asks for it."""
+    if len(thetas) == 1:
+        return []
+    added = [n for n in wide.effects if n not in fit.model.effects]
+    states = any(fit.model.known_effects[n.partition(":")[0]].states for n in added)
+    integrated = any(needs_integration(fit, n) for n in added)
+
+    def one(i: int) -> Columns:
+        run = RunModel(problem, wide, i)
+        path = carried(run, fit.paths[i]) if states else fit.paths[i]
+        return differences(run, path, thetas, steps, fit.model.active_states, None if integrated else told[i])
+
+    return problem.for_runs(one)
+
+
+def needs_integration(fit: Fit, name: str) -> bool:
     """Whether the forces at the nodes do not tell what an effect does between them: it has states, or acts on single
     pulses."""
+    item = fit.model.known_effects[name.partition(":")[0]]
     return bool(item.states) or item.only == "pulses"
 
 
