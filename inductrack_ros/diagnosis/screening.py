@@ -234,8 +234,7 @@ def equations(problem: Problem, fit: Fit, systems: Sequence[LinearRun], fine: Se
         for power, runs in zip(powers, told, strict=True):
             of_each, deviance = Blocks.together(runs).projected(fit)
             for t, (gram, score) in zip(tables, of_each, strict=True):
-                asked = (t.acts_on, t.variable, t.start, t.step, t.count, t.factor)
-                found.append(Equations(*asked, gram, score, power, deviance - plain))
+                found.append(Equations(**vars(t), gram=gram, score=score, power=power, rise=deviance - plain))
     return found
 
 
@@ -249,7 +248,6 @@ def asked_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
     """The normal equations (l, l) and (l,) of the values of a stand-in's table at a fit; all else is nuisance."""
     structure, mine = fit.structure, fit.structure.tables[effect]
     other = np.setdiff1d(np.arange(len(fit.theta)), mine)
-
     power = np.where(fit.power > NO_POWER, fit.power, 0.0)
 
     def one(i: int) -> np.ndarray:
@@ -268,6 +266,7 @@ def asked_of(problem: Problem, fit: Fit, systems: Sequence[LinearRun], effect: s
 
 
 def sizes_of(variable: str, fine: bool) -> tuple[int, ...]:
+    """Intervals of the tables over a variable; a campaign has few drive currents."""
     if variable == "drive":
         return (6,)
     if not fine:
