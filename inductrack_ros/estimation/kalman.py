@@ -34,15 +34,18 @@ VANISHING = 1e-280
 class LinearRun:
     """A run about a trajectory of n nodes; N states, m measurements, columns c = 1 + g.
 
-    ``first`` (n + 1,): the measurements of node k are first[k]:first[k + 1]. ``sensitivity`` (m, N), ``data`` (m, c),
-    ``variance`` (m,) in units of the stated noise; ``transitions`` (n, N, N) and ``inputs`` (n, N, c) lead to the next
-    node (the last is not used); ``spacing`` (n,) s; ``start_root`` (N, N) a square root of the initial covariance,
-    ``start_mean`` (N, c); ``kicks`` (n, N) variances of white disturbances of each state on the way to the next node,
-    beside those of the accelerations; ``touching`` (n,) where the cradle is in contact on that way; ``late`` (m, 4)
-    what the coordinates' rates add to a reading because it is of another moment; ``struck`` (m,) readings that show
-    what an impact changes; ``contact`` (n,) where such readings do not count in any fit (None: where this trajectory
-    touches); ``blown`` (m,) what of the variance is blows of a contact; ``paced`` whether its pulses were fired as the
-    cradle came by (see `in_step`); its first state is then surge."""
+    - first (n + 1,): the measurements of node k are first[k]:first[k + 1]
+    - sensitivity H (m, N), data (m, c), variance (m,): the measurements, in units of the stated noise
+    - transitions Φ (n, N, N), inputs U (n, N, c), spacing (n,) s: the way to the next node (the last is not used)
+    - start_root (N, N), start_mean (N, c): a square root of the initial covariance, and the mean
+    - kicks (n, N): variances of white disturbances of each state on the way, beside those of the accelerations
+    - touching (n,): where the cradle is in contact on the way
+    - late (m, 4): what the coordinates' rates add to a reading because it is of another moment
+    - struck (m,): readings that show what an impact changes
+    - contact (n,): where such readings do not count in any fit; None: where this trajectory touches
+    - blown (m,): what of the variance is blows of a contact
+    - paced: whether its pulses were fired as the cradle came by (see `in_step`); its first state is then surge
+    """
 
     first: np.ndarray
     sensitivity: np.ndarray
