@@ -55,7 +55,7 @@ def add_effect(
     before = add_background(task, State(base))
     screening = screened(task, before)
     before = replace(before, rounds=(((), screening),))
-    starts = [s for s in screening.sets if len(s.members) == 1 and s.members[0].name == name]
+    starts = [s for s in screening.sets if s.names == (name,)]
     if not starts and item.screened:
         raise InputError(f"'{name}' leaves no trace in these runs, whatever its size; it cannot be fitted to them")
     starts = starts or [_as_it_is(before, name, len(item.parameters))]

@@ -95,4 +95,4 @@ def _refitted(task: Task, state: State, p: Promise, family: int) -> State:
     structure, point = with_effects(task.problem, state.fit, p.one)
     there = replace(state.fit, structure=structure, theta=point.theta, paths=point.paths, power=p.law.power)
     new = smoothed_anew(task, with_law(task, grown(state, p.one, family, there), p.law))
-    return new.told(f"{p.one.members[0].name} and a force in {p.law.acts_on} on {p.law.variable} together")
+    return new.told(f"{p.one.title} and a force in {p.law.acts_on} on {p.law.variable} together")

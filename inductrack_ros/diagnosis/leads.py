@@ -39,7 +39,7 @@ def best_lead(task: Task, state: State) -> State | None:
     for f in sorted(tried, key=cost):
         new = fit(task.problem, f.fit.structure, replace(f.point, theta=f.fit.theta), REFIT_STEPS)
         if not new.lost:
-            line = f"{f.one.members[0].name}: open-loop χ² per sample {error:.3g} -> {f.left:.3g}"
+            line = f"{f.one.title}: open-loop χ² per sample {error:.3g} -> {f.left:.3g}"
             found = grown(state, f.one, screening.family, new).told(line)
             return replace(found, far=not f.fit.leaves_noise)
     return None
@@ -57,7 +57,7 @@ class Flown:
 
 
 def _with(task: Task, state: State, one: CandidateSet) -> Flown:
-    task.say(f"{one.members[0].name}, flown from the start")
+    task.say(f"{one.title}, flown from the start")
     structure, point = with_effects(task.problem, state.fit, one)
     found = fitted_end_to_end(task, structure, point)
     return Flown(one, point, found, _left(task.problem, found))

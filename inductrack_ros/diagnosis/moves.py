@@ -143,17 +143,12 @@ def law_price() -> float:
 
 def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: int = LOOK_STEPS) -> State:
     """The state with a set of known effects, beside the background that suits it, after a few steps."""
-    task.say(" + ".join([*state.added, *(m.name for m in found.members)]))
+    task.say(" + ".join([*state.added, *found.names]))
     structure, point = with_effects(task.problem, state.fit, found)
-    new = fit(
-        task.problem,
-        structure,
-        replace(point, power=found.background.power, processes=found.background.processes),
-        steps,
-    )
-    labels = " + ".join(m.name for m in found.members)
+    beside = found.background
+    new = fit(task.problem, structure, replace(point, power=beside.power, processes=beside.processes), steps)
     return grown(state, found, family, new).told(
-        f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})"
+        f"{found.title}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})"
     )
 
 
@@ -175,8 +170,7 @@ def with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Structu
 
 def grown(state: State, found: CandidateSet, family: int, new: Fit) -> State:
     """The state with a set of known effects, as fitted, and what it costs by chance."""
-    price = state.price + sum(m.price(family) for m in found.members)
-    return replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
+    return replace(state, fit=new, added=(*state.added, *found.names), price=state.price + found.price(family))
 
 
 @dataclass(frozen=True)
@@ -200,7 +194,7 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
     flown: list[_Flown] = []
     asked: tuple[int, float] | None = None  # a run, and the largest χ² there of a set that is still in question
     for s in sets if state.fit.exact or touches(state.fit) else ():
-        task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
+        task.say(" + ".join([*state.added, *s.names]) + ", contact taken exactly")
         structure, point = with_effects(task.problem, state.fit, s)
         if asked and fitted_end_to_end(task, structure, point, asked[:1]).chi2 > asked[1]:
             continue
@@ -209,16 +203,15 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
             hardest = int(np.argmax(whole.of_runs - [len(part.residual) for part in whole.linear]))
             asked = hardest, _most_left(task, hardest)
             continue
-        flown.append(_Flown(whole.chi2 + sum(m.price(family) for m in s.members), s, structure, point, whole))
+        flown.append(_Flown(whole.chi2 + s.price(family), s, structure, point, whole))
         flown.sort(key=lambda f: f.cost)
         asked = _told_apart([f.fit for f in flown]) or asked
     found = dict[tuple[str, ...], State]()  # of one effect from several starts the cheapest
     for f in flown:
-        names = tuple(m.name for m in f.found.members)
-        if f.cost < flown[0].cost + NEAR and names not in found:
+        if f.cost < flown[0].cost + NEAR and f.found.names not in found:
             new = exactly(task.problem, f.structure, f.point, REFIT_STEPS, f.fit)
-            found[names] = grown(state, f.found, family, new).told(
-                f"{' + '.join(names)}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
+            found[f.found.names] = grown(state, f.found, family, new).told(
+                f"{f.found.title}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
             )
     return sorted(found.values(), key=lambda x: x.cost(task))
 
@@ -266,7 +259,7 @@ def all_refitted(task: Task, state: State, sets: Sequence[CandidateSet], family:
     """The state with each of several sets of known effects; a cluster's workers refit them at once."""
     if isinstance(task.workers, Threads):
         return [refitted(task, state, s, family) for s in sets]
-    task.say("refitting " + ", ".join(" + ".join(m.name for m in s.members) for s in sets))
+    task.say("refitting " + ", ".join(s.title for s in sets))
     there = replace(task, tell=lambda _: None, workers=Threads(), until=np.inf)
     return task.workers.map(lambda s: refitted(there, state, s, family), list(sets))
 
@@ -407,8 +400,8 @@ def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
         return state, []
     screening = screened(task, smaller)
     singles = [s for s in screening.sets if len(s.members) == 1]
-    own = [s for s in singles if s.members[0].name != name or s.members[0].start]
-    promised = next((s.deviance for s in singles if s.members[0].name == name), -np.inf)
+    own = [s for s in singles if s.title != name or s.members[0].start]
+    promised = next((s.deviance for s in singles if s.title == name), -np.inf)
     reach = min(max(state.fit.deviance, promised) + NEAR, screening.scores.plain - TWINS)  # more than by chance
     near = [s for s in own if s.deviance < reach]
     alike = sorted(near, key=lambda s: abs(s.deviance - promised))[:REFITTED]

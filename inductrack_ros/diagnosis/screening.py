@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -51,6 +51,20 @@ class CandidateSet:
         """Its members' labels."""
         return tuple(m.label for m in self.members)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its members' effects."""
+        return tuple(m.name for m in self.members)
+
+    @property
+    def title(self) -> str:
+        """As the log calls it."""
+        return " + ".join(self.names)
+
+    def price(self, family: int) -> float:
+        """What its members cost by chance, see `Candidate.price`."""
+        return sum(m.price(family) for m in self.members)
+
 
 @dataclass(frozen=True)
 class Screening:
@@ -69,7 +83,7 @@ class Screening:
     def singles(self) -> list[CandidateSet]:
         """The single effects, each from its most promising start only; cheapest first."""
         singles = [s for s in self.sets if len(s.members) == 1]
-        return list({s.members[0].name: s for s in reversed(singles)}.values())[::-1]
+        return list({s.title: s for s in reversed(singles)}.values())[::-1]
 
 
 def screen(
@@ -112,13 +126,11 @@ def _sets(candidates: Mapping[str, Candidate], found: Scores) -> tuple[Candidate
     family = len(candidates)
 
     def of(labels: Sequence[str]) -> CandidateSet:
-        members = tuple(candidates[n] for n in labels)
         e = found.expected(labels)
         edges = np.cumsum([0] + [len(found.places[n]) for n in labels])
         sizes = {n: e.size[a:b] for n, a, b in zip(labels, edges[:-1], edges[1:], strict=True)}
-        return CandidateSet(
-            members, e.deviance, e.deviance + sum(m.price(family) for m in members), sizes, e.background
-        )
+        one = CandidateSet(tuple(candidates[n] for n in labels), e.deviance, e.deviance, sizes, e.background)
+        return replace(one, cost=e.deviance + one.price(family))
 
     sets = [of([n]) for n in candidates]
     anywhere = {n: found.unbounded.expected([n]).deviance + c.price(family) for n, c in candidates.items()}
