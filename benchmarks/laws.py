@@ -43,6 +43,8 @@ COVERED = {
     "heave": ((-7e-3, -5.5e-3), (-4e-3, -2e-3)),
     "sway_rate": ((-0.5, -0.2), (0.2, 0.5)),
 }
+#: A law that changes by less than this part of itself over the range is a constant there, and is drawn again.
+FLAT = 0.01
 
 
 def drawn_shape(rng, form: Form, r: Range) -> dict[str, float]:
@@ -62,15 +64,18 @@ def drawn_shape(rng, form: Form, r: Range) -> dict[str, float]:
 
 
 def inside(rng, variable: str, u: np.ndarray, r: Range):
-    """A law of the list: its form, and parameters at a scale of one over samples at u."""
-    form = rng.choice([f for f in forms_on(variable, "heave") if f.name != "constant"])
-    shape = drawn_shape(rng, form, r)
-    columns = form.columns(u, list(shape.values()))
-    sizes = {
-        t.size: float(rng.choice([-1, 1]) * rng.uniform(0.6, 1.4) / np.sqrt(np.mean(c**2)))
-        for t, c in zip(form.terms, columns, strict=True)
-    }
-    return form, {**sizes, **shape}
+    """A law of the list that shows its shape: its form, and parameters at a scale of one over samples at u."""
+    while True:
+        form = rng.choice([f for f in forms_on(variable, "heave") if f.name != "constant"])
+        shape = drawn_shape(rng, form, r)
+        columns = form.columns(u, list(shape.values()))
+        sizes = {
+            t.size: float(rng.choice([-1, 1]) * rng.uniform(0.6, 1.4) / np.sqrt(np.mean(c**2)))
+            for t, c in zip(form.terms, columns, strict=True)
+        }
+        force = form.value(u, {**sizes, **shape})
+        if np.std(force) > FLAT * np.sqrt(np.mean(force**2)):
+            return form, {**sizes, **shape}
 
 
 def outside(rng, r: Range):
@@ -91,11 +96,11 @@ def outside(rng, r: Range):
 
     shapes = {
         "two bumps": two_bumps,
-        "damped sine": lambda: lambda x: np.exp(-3 * x) * np.sin(2 * np.pi * c * x),
+        "growing sine": lambda: lambda x: np.exp(3 * x) * np.sin(2 * np.pi * c * x),
         "chirp": lambda: lambda x: np.sin(2 * np.pi * (x + c * x**2)),
         "sawtooth": lambda: lambda x: (c * x) % 1.0,
-        "bipolar": lambda: lambda x: (x - a) / b * np.exp(-(((x - a) / b) ** 2)),
-        "plateau": lambda: lambda x: np.tanh((x - 0.3 * a) / 0.03) - np.tanh((x - 0.3 * a - 0.4) / 0.03),
+        "staircase": lambda: lambda x: np.tanh((x - 0.4 * a) / 0.03) + np.tanh((x - 0.5 - 0.4 * a) / 0.03),
+        "resonance": lambda: lambda x: (a - x) / ((x - a) ** 2 + b**2),
         "quintic": quintic,
         "rough": rough,
     }

@@ -14,6 +14,7 @@ from inductrack_ros.core.effects.stand_in import VARIABLES, basis, entries
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis import answer
+from inductrack_ros.diagnosis.closed import add_closed
 from inductrack_ros.diagnosis.diagnose import base_fit
 from inductrack_ros.diagnosis.factor import Factor
 from inductrack_ros.diagnosis.laws.code import Written, module_text
@@ -32,12 +33,17 @@ FORM = {f.name: f for f in FORMS}
 
 def searched(tmp_path, name):
     """The search for a force of any shape, on one variable and then on two, in runs of a rig that hides a law."""
-    truth = write_campaign(tmp_path / "rig", 1, names=[(name, None)], design="coasting", faint=300, clear=600)
+    truth, task, one = on_one_variable(tmp_path, name, clear=600)
+    return truth, task, one, add_pair(task, one)
+
+
+def on_one_variable(tmp_path, name, clear):
+    """A law that a rig hides, as clear as said, and what the search for a force on one variable finds."""
+    truth = write_campaign(tmp_path / "rig", 1, names=[(name, None)], design="coasting", faint=clear / 2, clear=clear)
     campaign = load_campaign(tmp_path / "rig")
     problem, base, _ = base_fit(replace(campaign, runs=campaign.runs[:7]), Model.default())
     task = Task(problem)
-    one = add_unknown(task, State(base))
-    return truth["unknown"][0]["law"], task, one, add_pair(task, one)
+    return truth["unknown"][0]["law"], task, add_unknown(task, State(base))
 
 
 def test_a_force_on_two_variables_comes_back_as_a_law_of_both(tmp_path):
@@ -53,6 +59,19 @@ def test_a_force_on_two_variables_comes_back_as_a_law_of_both(tmp_path):
     assert best.parameters["force"][2] == "N/m" and best.formula.endswith("· x") and "times sway" in best.words
     # where the data are: pairs of both variables that runs went through
     assert unknown.seen.shape[1] == 2 and np.ptp(unknown.seen[:, 0]) > 20 and np.abs(unknown.seen[:, 1]).max() < 0.02
+
+
+def test_a_faint_force_on_two_variables_is_found_as_a_closed_form(tmp_path):
+    """A bump times sway pays as three numbers, where a table times sway does not."""
+    truth, task, none = on_one_variable(tmp_path, "law_sway_bump_surge_sway", clear=80)
+    assert not none.stands_in and not add_pair(task, none).stands_in
+    state = add_closed(task, none)
+    assert answer.unknown_of(state, task.problem).depends_on == ("surge", "sway")
+    found = propose_laws(task, state, answer.unknown_of(state, task.problem), task.problem.sigma)
+    best = next(law for law in found.proposed if law.name == "proposed_bump_sway_on_surge_times_sway")
+    for parameter, true in truth["parameters"].items():
+        value, std, _ = best.parameters[parameter]
+        assert abs(value - true) < 4 * std < 4 * abs(true), parameter
 
 
 @pytest.mark.nightly

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 from ..estimation.kalman import LinearRun
 from ..estimation.scores import Background, Level, Scores, pushed_by, scores
-from ..estimation.shooting import linearise_all
+from ..estimation.shooting import all_histories, linearise_all
 from . import background
 from .candidates import Candidate, sought
 from .moves import State, Task, grown, law_price, shaken, smoothed_anew, with_effects, with_law
 from .screening import (
     FINE_SHARES,
+    Asked,
     CandidateSet,
-    ForceTable,
     Law,
     acted_on,
     asked_over,
@@ -61,33 +61,35 @@ def promises(task: Task, state: State, systems: Sequence[LinearRun], lacking: Se
     """What each known effect and the table that suits it best promise together; the best first."""
     problem, f = task.problem, state.fit
     candidates, parts = sought(problem, f, systems, wavy=True)
-    spans = spans_of(problem, f)
+    spans = spans_of(all_histories(problem, f))
     tables = {
-        f"table {t.acts_on} {t.variable}": t
+        f"table {on} {t.variable}": (on, t)
         for on in acted_on(problem, f)
         if pushed_by(on) in lacking
-        for t in tables_over(on, asked_over(on, spans), lambda v: sizes_of(v, True)[:1])
+        for t in tables_over(asked_over(on, spans), lambda v: sizes_of(v, True)[:1])
     }
-    of_tables = {n: problem.for_runs(lambda i, t=t: columns_of(problem, f, i, [t])) for n, t in tables.items()}
+    of_tables = {
+        n: problem.for_runs(lambda i, on=on, t=t: columns_of(problem, f, i, on, [t])) for n, (on, t) in tables.items()
+    }
     price = background.price(problem, task.given, f.processes)
     found = scores(problem, f, parts | of_tables, systems, [Background(f.power, f.processes, price)], FINE_SHARES)
     of_each = [_best(found, one, tables, problem.samples, len(candidates)) for one in candidates.values()]
     return sorted(of_each, key=lambda p: -p.gain)
 
 
-def _best(found: Scores, one: Candidate, tables: Mapping[str, ForceTable], samples: int, family: int) -> Promise:
+def _best(found: Scores, one: Candidate, tables: Mapping[str, tuple[str, Asked]], samples: int, family: int) -> Promise:
     """The table that promises most beside a known effect, at the power that suits both."""
 
     def at(level: Level, name: str) -> Promise:
-        beside, t = found.beside(level, one.label, name), tables[name]
-        table = t.smoothest(beside.gram, beside.score, samples)
+        beside, (on, asked) = found.beside(level, one.label, name), tables[name]
+        table = asked.smoothest(beside.gram, beside.score, samples)
         size = beside.size - beside.moves @ table.values
         gain = found.plain - beside.deviance + table.promise
         known = CandidateSet((one,), beside.deviance, beside.deviance, {one.label: size}, level.background)
-        return Promise(known, t.law(table, gain, level.power), gain - law_price() - one.price(family))
+        return Promise(known, asked.law(on, table, gain, level.power), gain - law_price() - one.price(family))
 
-    asked = ((level, n) for n, t in tables.items() for level in found.levels if level.suits(pushed_by(t.acts_on)))
-    return max((at(level, name) for level, name in asked), key=lambda p: p.gain)
+    every = ((level, n) for n, (on, _) in tables.items() for level in found.levels if level.suits(pushed_by(on)))
+    return max((at(level, name) for level, name in every), key=lambda p: p.gain)
 
 
 def _refitted(task: Task, state: State, p: Promise, family: int) -> State:

@@ -1,28 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A force of a closed form, where no table pays: a bump costs its three parameters, a table around it many more.
+"""A force of a closed form, where no table pays: a bump costs its three parameters, a table around it many more. Forms
+times a second variable are asked for too.
 
 Only where something moves the cradle that the model does not have. The force is added as its table, so that all that
 asks for the shape of an unknown force goes on as with any other; only what it costs is that of the form."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from scipy import stats
 
-from ..core.effects.stand_in import parameters
+from ..core.effects.stand_in import covered, over
+from ..core.state import COORDINATES
 from ..estimation.kalman import LinearRun
+from ..estimation.linear import histories
 from ..estimation.scores import pushed_by
 from ..estimation.shooting import Fit, linearise_all
+from .factor import Factor, factors_of
 from .laws.code import Written
 from .laws.fitting import Fitted, Table, fitted, starts_of
 from .laws.forms import ALONG, Form, Range, forms_on
 from .laws.propose import in_place
 from .moves import State, Task, described, shaken, with_law
-from .screening import Equations, Law, equations
-from .settings import FORCES_REFITTED, LEVEL
-from .smooth import smoothest_of
+from .screening import Asked, Equations, equations, sizes_of, spans_of, tables_on_one
+from .settings import COARSE, FORCES_REFITTED, LEVEL, MEDIUM
 
 
 @dataclass(frozen=True)
@@ -52,39 +55,89 @@ def add_closed(task: Task, state: State) -> State:
 
 
 def promises(task: Task, f: Fit, systems: Sequence[LinearRun], lacking: Sequence[str]) -> list[Promise]:
-    """What closed forms promise on all that a force may depend on and act on; of each pair of these the best first.
+    """What closed forms promise on all that a force may depend on and act on, the best first."""
+    problem = task.problem
+    on_one = {on: t for on, t in tables_on_one(problem, f, lacking).items() if pushed_by(on) in lacking}
+    rough = {on: _products(task, f, on) for on in on_one if on in COORDINATES}
+    found = _best(task, f, systems, on_one, lacking)
+    near = [p for p in _best(task, f, systems, rough, lacking) if p.gain > 0.0][:FORCES_REFITTED]
+    fine = {on: [t for p in near if p.asked.acts_on == on for t in _finer(p.asked.asked)] for on in rough}
+    return sorted([*found, *_best(task, f, systems, fine, lacking, rough)], key=lambda p: -p.gain)
+
+
+def _products(task: Task, f: Fit, on: str) -> list[Asked]:
+    """Tables of forces in a coordinate on one variable times another, as coarse as shows which may be worth more."""
+    runs = [histories(d, path) for d, path in zip(task.problem.runs, f.paths, strict=True)]
+    spans = spans_of(runs)
+    return [
+        Asked(v, *over(*span, MEDIUM if v in ALONG else COARSE), factor)
+        for factor in factors_of(on, runs, spans)
+        for v, span in spans.items()
+        if v != factor.variable
+    ]
+
+
+def _finer(rough: Asked) -> list[Asked]:
+    """The same with the steps of forces on one variable."""
+    low, high = covered(rough.start, rough.step, rough.count)
+    return [
+        replace(rough, **dict(zip(("start", "step", "count"), over(low, high, n), strict=True)))
+        for n in sizes_of(rough.variable, True)
+    ]
+
+
+def _best(
+    task: Task,
+    f: Fit,
+    systems: Sequence[LinearRun],
+    tables: Mapping[str, Sequence[Asked]],
+    lacking: Sequence[str],
+    chosen_from: Mapping[str, Sequence[Asked]] | None = None,
+) -> list[Promise]:
+    """What closed forms promise in the place of tables; of each coordinate, variable and factor the best, the best of
+    all first. The tables were ``chosen_from`` as many as chance counts.
 
     A form is fitted only where its table leaves it room: none can take off more than all that the data say."""
-    samples = task.problem.samples
-    asked = [e for e in equations(task.problem, f, systems, lacking) if pushed_by(e.acts_on) in lacking]
-    forms = {(e.acts_on, e.variable): forms_on(e.variable, e.acts_on) for e in asked}
-    family = sum(map(len, forms.values()))
-    best: dict[tuple[str, str], Promise] = {}
-    for e in asked:
-        pair = e.acts_on, e.variable
-        table = Table.of(e.acts_on, parameters(e.variable, e.start, e.step), e.gram, e.score)
+    tables = {on: asked for on, asked in tables.items() if asked}
+    family = sum(len(_forms(on, a)) for on, asked in (chosen_from or tables).items() for a in _once(asked))
+    best: dict[tuple, Promise] = {}
+    for e in equations(task.problem, f, systems, tables, lacking):
+        table = Table.of(e.acts_on, e.asked.parameters, e.gram, e.score)
         whole = float(table.wanted @ table.wanted) - e.rise  # what a form without any misfit would take off
-        prices = {form.name: price_of(form, table, family) for form in forms[pair]}
-        for one in fitted(table, samples, [form for form in forms[pair] if prices[form.name] < whole]):
+        prices = {form.name: price_of(form, table, family) for form in _forms(e.acts_on, e.asked)}
+        room = [form for form in _forms(e.acts_on, e.asked) if prices[form.name] < whole]
+        for one in fitted(table, task.problem.samples, room):
             price = prices[one.form.name]
-            p = Promise(e, one, table.range, price, whole - one.misfit - price)
-            best[pair] = max(best.get(pair, p), p, key=lambda x: x.gain)
+            p, key = Promise(e, one, table.range, price, whole - one.misfit - price), (e.acts_on, *_pair(e.asked))
+            best[key] = max(best.get(key, p), p, key=lambda x: x.gain)
     return sorted(best.values(), key=lambda p: -p.gain)
 
 
+def _forms(on: str, asked: Asked) -> tuple[Form, ...]:
+    return forms_on(asked.variable, on, asked.factor is not None)
+
+
+def _pair(asked: Asked) -> tuple[str, Factor | None]:
+    return asked.variable, asked.factor
+
+
+def _once(asked: Sequence[Asked]) -> list[Asked]:
+    """One table of each variable and factor."""
+    return list({_pair(a): a for a in asked}.values())
+
+
 def price_of(form: Form, table: Table, family: int) -> float:
-    """Fall of the deviance that chance reaches in `LEVEL` of campaigns with a form among ``family``, each sought from
-    all its starts."""
-    return float(stats.chi2.isf(LEVEL / (family * starts_of(table, form)), form.count))
+    """Fall of the deviance that chance reaches in half of `LEVEL` of campaigns with a form among ``family``, each
+    sought from all its starts; the other half is for forces on another number of variables."""
+    return float(stats.chi2.isf(0.5 * LEVEL / (family * starts_of(table, form)), form.count))
 
 
 def _refitted(task: Task, state: State, p: Promise) -> State:
     """The state with the table of a form, at the price of the form, refitted in full in the table's place."""
     e = p.asked
-    table = smoothest_of(e.gram, e.score, task.problem.samples, e.variable in ALONG)
-    grown = with_law(task, state, Law(e.acts_on, e.variable, e.start, e.step, table, p.gain, e.power))
+    grown = with_law(task, state, replace(e.law(task.problem.samples), gain=p.gain))
     name = grown.added[-1]
-    law = Written(p.form.form, e.acts_on, e.variable, p.form.parameters, p.range)
+    law = Written(p.form.form, e.acts_on, e.asked.variable, p.form.parameters, p.range, factor=e.asked.factor)
     new = in_place(task, grown.fit, name, law)
     cost = new.deviance + p.price - grown.fit.deviance
     return described(task, grown, name, cost).told(f"as {law.form.title}: deviance {new.deviance:.0f}")

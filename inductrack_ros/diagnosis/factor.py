@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..core.effects.stand_in import VARIABLES
+
+#: What any force may be multiplied by, with its power; its own coordinate and rate come to these.
+FACTORS = (("surge_rate", 1), ("surge_rate", 2), ("time", 1), ("sway", 1), ("roll", 1))
 
 
 @dataclass(frozen=True)
@@ -49,3 +52,9 @@ class Factor:
     def at(self, histories: Mapping[str, np.ndarray]) -> np.ndarray:
         """The factor along histories (n,) of all variables."""
         return (histories[self.variable] / self.scale) ** self.power
+
+
+def factors_of(on: str, runs: Sequence[Mapping[str, np.ndarray]], moved: Container[str]) -> list[Factor]:
+    """What a force in a coordinate may be multiplied by, of the variables that moved; ``runs`` are their histories."""
+    own = () if on == "surge" else ((on, 1), (f"{on}_rate", 1))
+    return [Factor.over(v, p, [r[v] for r in runs]) for v, p in dict.fromkeys((*FACTORS, *own)) if v in moved]

@@ -17,15 +17,13 @@ from ..estimation.kalman import LinearRun, log_determinant
 from ..estimation.problem import Problem
 from ..estimation.scores import shares_in
 from ..estimation.shooting import ANEW, Fit, all_histories, linearise_all
-from .factor import Factor
+from .factor import FACTORS, Factor, factors_of
 from .laws.forms import ALONG
 from .moves import State, Task, law_price, shaken, smoothed_anew, with_law, without
-from .screening import FINE_SHARES, ForceTable, Spans, columns_of, spans_of, tables_over
+from .screening import FINE_SHARES, Asked, columns_of, spans_of, tables_over
 from .settings import COARSE, FINE, MEDIUM, TWINS
 from .smooth import Smooth
 
-#: What any force may be multiplied by, with its power; its own coordinate and rate come to these.
-FACTORS = (("surge_rate", 1), ("surge_rate", 2), ("time", 1), ("sway", 1), ("roll", 1))
 #: Products that are laid on a finer table and refitted.
 REFITTED = 2
 #: A product is to be this much cheaper than a force on one variable: then chance does not choose it.
@@ -40,7 +38,7 @@ class Promise:
     """What a table promises: fitted to all runs, twice its log evidence, and what it takes off the deviance of runs
     left out."""
 
-    asked: ForceTable
+    asked: Asked
     table: Smooth
     power: np.ndarray
     gain: float
@@ -79,51 +77,48 @@ def _tried(task: Task, plain: State, systems: Sequence[LinearRun], on: str) -> l
     variable does."""
     problem, f = task.problem, plain.fit
     task.say(f"forces in {on} on two variables")
-    spans = spans_of(problem, f)
+    runs = all_histories(problem, f)
+    spans = spans_of(runs)
 
-    def tables(factor: Factor | None, finely: bool) -> list[ForceTable]:
+    def tables(factor: Factor | None, finely: bool) -> list[Asked]:
         others = {v: span for v, span in spans.items() if factor is None or v != factor.variable}
         along, across = ((MEDIUM, FINE), (MEDIUM,)) if finely else ((MEDIUM,), (COARSE,))
-        return tables_over(on, others, lambda v: along if v in ALONG else across, factor)
+        return tables_over(others, lambda v: along if v in ALONG else across, factor)
 
     singles = tables(None, finely=True)
-    rough = [t for factor in _factors(problem, f, on, spans) for t in tables(factor, finely=False)]
-    promised = promises(problem, f, systems, [*singles, *rough])
+    rough = [t for factor in factors_of(on, runs, spans) for t in tables(factor, finely=False)]
+    promised = promises(problem, f, systems, on, [*singles, *rough])
     alone, products = promised[: len(singles)], promised[len(singles) :]
     best = sorted(products, key=lambda p: -p.gain)[: 2 * REFITTED]
     finer = [t for p in best for t in tables(p.asked.factor, finely=True) if t.variable == p.asked.variable]
-    found = sorted(promises(problem, f, systems, finer), key=lambda p: -p.unseen) if finer else []
+    found = sorted(promises(problem, f, systems, on, finer), key=lambda p: -p.unseen) if finer else []
     known, known_unseen = max(alone, key=lambda p: p.gain), max(alone, key=lambda p: p.unseen)
     kept = [p for p in found if p.unseen > known_unseen.unseen and p.gain > max(known.gain, law_price())][:REFITTED]
-    return [_refitted(task, plain, p, known_unseen) for p in kept]
+    return [_refitted(task, plain, on, p, known_unseen) for p in kept]
 
 
-def _refitted(task: Task, plain: State, p: Promise, known: Promise) -> State:
-    new = smoothed_anew(task, with_law(task, plain, p.asked.law(p.table, p.gain, p.power)))
+def _refitted(task: Task, plain: State, on: str, p: Promise, known: Promise) -> State:
+    new = smoothed_anew(task, with_law(task, plain, p.asked.law(on, p.table, p.gain, p.power)))
     return new.told(
         f"times {p.asked.factor.label if p.asked.factor else ''}: takes {p.unseen:.0f} off runs left out, the best on"
         f" one variable ({known.asked.variable}) {known.unseen:.0f}"
     )
 
 
-def _factors(problem: Problem, fit: Fit, on: str, spans: Spans) -> list[Factor]:
-    own = () if on == "surge" else ((on, 1), (f"{on}_rate", 1))
-    runs = all_histories(problem, fit)
-    return [Factor.over(v, p, [r[v] for r in runs]) for v, p in dict.fromkeys((*FACTORS, *own)) if v in spans]
-
-
 # ---------------------------------------------------------------- cross-validation
 
 
-def promises(problem: Problem, fit: Fit, systems: Sequence[LinearRun], tables: Sequence[ForceTable]) -> list[Promise]:
-    """What each of some tables of a force on one coordinate promises at a fit, at the power of the disturbances that
+def promises(
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], on: str, tables: Sequence[Asked]
+) -> list[Promise]:
+    """What each of some tables of a force on a coordinate promises at a fit, at the power of the disturbances that
     suits it."""
     (without,) = blocks_of(problem, fit, systems, [fit.power])
     _, plain = Blocks.together(without).projected(fit)
     alone = _unseen(fit, [r.nuisance for r in without], without, np.zeros((0, 0)))
-    powers = shares_in(fit.power, tables[0].acts_on, FINE_SHARES)
+    powers = shares_in(fit.power, on, FINE_SHARES)
     told = blocks_of(
-        problem, fit, systems, powers, lambda i: columns_of(problem, fit, i, tables), [t.count for t in tables]
+        problem, fit, systems, powers, lambda i: columns_of(problem, fit, i, on, tables), [t.count for t in tables]
     )
     found: list[list[Promise]] = [[] for _ in tables]
     for power, runs in zip(powers, told, strict=True):

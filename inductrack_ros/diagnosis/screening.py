@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..core.effects.stand_in import VARIABLES, basis, over
+from ..core.effects.stand_in import VARIABLES, basis, over, parameters
 from ..core.state import COORDINATES, MOVING
 from ..estimation.blocks import Blocks, blocks_of
 from ..estimation.kalman import Columns, LinearRun
@@ -168,85 +168,107 @@ class Law:
 
 
 @dataclass(frozen=True)
-class ForceTable:
-    """The table of a force that ``acts_on`` a coordinate or the thrust: over a variable from ``start`` in ``count`` − 1
-    steps of ``step``, perhaps times a factor."""
+class Asked:
+    """A table that is asked for: over a variable from ``start`` in ``count`` − 1 steps of ``step``, times a factor."""
 
-    acts_on: str
     variable: str
     start: float
     step: float
     count: int
-    factor: Factor | None
+    factor: Factor | None = None
 
     def entries(self, along: Mapping[str, np.ndarray]) -> np.ndarray:
         """What its entries give along histories (n,), (n, count)."""
         found = basis(along[self.variable], self.start, self.step, self.count)
         return found if self.factor is None else found * self.factor.at(along)[:, None]
 
+    @property
+    def times(self) -> dict[str, float]:
+        """What it is multiplied by, as a stand-in has it."""
+        return self.factor.parameters if self.factor else {}
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """As a stand-in has it, without values."""
+        return {**parameters(self.variable, self.start, self.step), **self.times}
+
     def smoothest(self, gram: np.ndarray, score: np.ndarray, samples: int) -> Smooth:
         """The table that explains most, from the normal equations (l, l) and (l,) of its entries."""
         return smoothest_of(gram, score, samples, self.variable in ALONG)
 
-    def law(self, table: Smooth, gain: float, power: np.ndarray) -> Law:
-        """The force as this table."""
-        times = self.factor.parameters if self.factor else {}
-        return Law(self.acts_on, self.variable, self.start, self.step, table, gain, power, times)
+    def law(self, on: str, table: Smooth, gain: float, power: np.ndarray) -> Law:
+        """The force on a coordinate, or on the thrust, with this table."""
+        return Law(on, self.variable, self.start, self.step, table, gain, power, self.times)
 
 
-def tables_over(
-    on: str, spans: Spans, sizes: Callable[[str], Sequence[int]], factor: Factor | None = None
-) -> list[ForceTable]:
-    """The tables of a force on a coordinate or the thrust over each variable, of the ``sizes`` (intervals) it has."""
-    return [ForceTable(on, v, *over(*span, n), factor) for v, span in spans.items() for n in sizes(v)]
+def tables_over(spans: Spans, sizes: Callable[[str], Sequence[int]], factor: Factor | None = None) -> list[Asked]:
+    """The tables of a force over each variable, of the ``sizes`` (intervals) that it has."""
+    return [Asked(v, *over(*span, n), factor) for v, span in spans.items() for n in sizes(v)]
 
 
-def columns_of(problem: Problem, fit: Fit, i: int, tables: Sequence[ForceTable]) -> Columns:
-    """What each entry of tables that act on the same would do to run i along a fit's trajectory."""
+def columns_of(problem: Problem, fit: Fit, i: int, on: str, tables: Sequence[Asked]) -> Columns:
+    """What each entry of tables of a force on a coordinate, or the thrust, would do to run i along a fit's
+    trajectory."""
     along = histories(problem.runs[i], fit.paths[i])
     shapes = np.hstack([t.entries(along) for t in tables])
-    forces = acting(RunModel(problem, fit.structure, i), fit.theta, fit.paths[i], tables[0].acts_on, shapes)
+    forces = acting(RunModel(problem, fit.structure, i), fit.theta, fit.paths[i], on, shapes)
     return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
 
 
 @dataclass(frozen=True)
-class Equations(ForceTable):
-    """Normal equations of a table: its matrix ``gram`` (l, l) and right-hand side ``score`` (l,) over noise, all else
-    projected out. They hold at a ``power`` (4,) of the disturbances that alone raises the deviance by ``rise``."""
+class Equations:
+    """Normal equations of a table of a force: its matrix ``gram`` (l, l) and right-hand side ``score`` (l,) over noise,
+    all else projected out. They hold at a ``power`` (4,) of the disturbances that alone raises the deviance by
+    ``rise``."""
 
+    acts_on: str
+    asked: Asked
     gram: np.ndarray
     score: np.ndarray
     power: np.ndarray
     rise: float
+
+    def law(self, samples: int) -> Law:
+        """The force with the table that the equations ask for, and its gain over no force."""
+        table = self.asked.smoothest(self.gram, self.score, samples)
+        return self.asked.law(self.acts_on, table, table.promise - self.rise, self.power)
 
 
 def laws(problem: Problem, fit: Fit, systems: Sequence[LinearRun], fine: Sequence[str]) -> list[Law]:
     """Forces of any shape on all they may act on, most telling first; with ``fine`` tables where something is known to
     be missing."""
     best: dict[tuple[str, str], Law] = {}
-    for e in equations(problem, fit, systems, fine):
-        table = e.smoothest(e.gram, e.score, problem.samples)
-        law = e.law(table, table.promise - e.rise, e.power)
-        best[e.acts_on, e.variable] = max(best.get((e.acts_on, e.variable), law), law, key=lambda x: x.gain)
+    for e in equations(problem, fit, systems, tables_on_one(problem, fit, fine), fine):
+        law = e.law(problem.samples)
+        best[law.acts_on, law.variable] = max(best.get((law.acts_on, law.variable), law), law, key=lambda x: x.gain)
     return sorted(best.values(), key=lambda x: -x.gain)
 
 
-def equations(problem: Problem, fit: Fit, systems: Sequence[LinearRun], fine: Sequence[str]) -> list[Equations]:
-    """The normal equations of every table, on all that a force may act on and beside each share of its own power."""
-    spans = spans_of(problem, fit)
+def tables_on_one(problem: Problem, fit: Fit, fine: Sequence[str]) -> dict[str, list[Asked]]:
+    """The tables of forces on one variable, for all that a force may act on."""
+    spans = spans_of(all_histories(problem, fit))
+    return {
+        on: tables_over(asked_over(on, spans), lambda v, on=on: sizes_of(v, pushed_by(on) in fine))
+        for on in acted_on(problem, fit)
+    }
+
+
+def equations(
+    problem: Problem, fit: Fit, systems: Sequence[LinearRun], tables: Mapping[str, Sequence[Asked]], fine: Sequence[str]
+) -> list[Equations]:
+    """The normal equations of tables of forces on each coordinate (or the thrust), beside each share of its own
+    power."""
     plain = scores(problem, fit, {}, systems).plain
     found: list[Equations] = []
-    for on in acted_on(problem, fit):
-        finely = pushed_by(on) in fine
-        tables = tables_over(on, asked_over(on, spans), lambda v, finely=finely: sizes_of(v, finely))
-        powers = shares_in(fit.power, on, FINE_SHARES if finely else COARSE_SHARES)
+    for on, asked in tables.items():
+        powers = shares_in(fit.power, on, FINE_SHARES if pushed_by(on) in fine else COARSE_SHARES)
+        widths = [a.count for a in asked]
         told = blocks_of(
-            problem, fit, systems, powers, lambda i, t=tables: columns_of(problem, fit, i, t), [t.count for t in tables]
+            problem, fit, systems, powers, lambda i, on=on, asked=asked: columns_of(problem, fit, i, on, asked), widths
         )
         for power, runs in zip(powers, told, strict=True):
             of_each, deviance = Blocks.together(runs).projected(fit)
-            for t, (gram, score) in zip(tables, of_each, strict=True):
-                found.append(Equations(**vars(t), gram=gram, score=score, power=power, rise=deviance - plain))
+            found += [Equations(on, a, *e, power, deviance - plain) for a, e in zip(asked, of_each, strict=True)]
     return found
 
 
@@ -286,9 +308,9 @@ def sizes_of(variable: str, fine: bool) -> tuple[int, ...]:
     return (MEDIUM, FINE) if variable in ALONG else (MEDIUM,)
 
 
-def spans_of(problem: Problem, fit: Fit) -> Spans:
-    """The range over all runs of each variable that moves, along a fit's trajectories."""
-    runs, found = all_histories(problem, fit), {}
+def spans_of(runs: Sequence[Mapping[str, np.ndarray]]) -> Spans:
+    """Ranges of the variables that move, of their histories in all runs."""
+    found = {}
     for v in runs[0]:
         low, high = np.quantile(np.concatenate([r[v] for r in runs]), [0.001, 0.999])
         if high - low > 1e-6 * max(abs(low), abs(high), 1e-9):

@@ -13,8 +13,8 @@ from numba import njit
 VARIABLES = ("surge", "sway", "heave", "roll", "surge_rate", "sway_rate", "heave_rate", "roll_rate", "time")
 COORDINATES = ("surge", "sway", "heave", "roll")
 INSIDE = ("cubic", "quadratic", "exponential", "bump", "sine", "step", "ramp", "dead_zone", "saturation", "power",
-          "eddy", "linear")  # fmt: skip
-OUTSIDE = ("two_bumps", "damped_sine", "plateau", "bipolar")
+          "eddy", "linear", "stretch", "pull_and_push", "ringing")  # fmt: skip
+OUTSIDE = ("two_bumps", "sawtooth", "chirp")
 FORMS = INSIDE + OUTSIDE
 
 
@@ -47,12 +47,16 @@ def value(form, u, a, b):
     if form == 11:
         return x
     if form == 12:
-        return math.exp(-(((u - a) / b) ** 2)) - 0.7 * math.exp(-(((u - a - 3 * b) / b) ** 2))
-    if form == 13:
-        return math.exp(-abs(u) / a) * math.sin(2 * math.pi * u / b)
-    if form == 14:
         return 0.5 * (math.tanh((u - a) / (0.15 * b)) - math.tanh((u - a - b) / (0.15 * b)))
-    return 2.33 * (u - a) / b * math.exp(-(((u - a) / b) ** 2))
+    if form == 13:
+        return 2.3316 * (u - a) / b * math.exp(-(((u - a) / b) ** 2))
+    if form == 14:
+        return math.exp(-abs(u) / a) * math.sin(2 * math.pi * u / b)
+    if form == 15:
+        return math.exp(-(((u - a) / b) ** 2)) - 0.7 * math.exp(-(((u - a - 3 * b) / b) ** 2))
+    if form == 16:
+        return 2 * (u / a - math.floor(u / a)) - 1
+    return math.sin(2 * math.pi * (u / a) ** 2)
 
 
 def known_parameters(form, size, a, b):
@@ -70,6 +74,9 @@ def known_parameters(form, size, a, b):
         "power": lambda: {"coefficient": size / a**b, "power": b},
         "eddy": lambda: {"slope": 2 * size / b, "peak": b},
         "linear": lambda: {"slope": size / b},
+        "stretch": lambda: {"force": size, "place": a + 0.5 * b, "width": 0.5 * b, "edge": 0.15 * b},
+        "pull_and_push": lambda: {"force": size, "place": a, "width": b},
+        "ringing": lambda: {"force": abs(size), "length": a, "wavelength": b, "phase": math.pi if size < 0 else 0.0},
     }.get(form, dict)()
 
 
@@ -87,7 +94,7 @@ def _on_the_way(low, high):
 
 
 _A_PLACE, _WIDE = _on_the_way(0.2, 0.7), _between(0.3, 1.5)
-_NOTHING, _MM, _RATE = _between(0, 0), _between(2e-3, 2e-3), _between(0.1, 0.1)
+_NOTHING, _ONE, _MM, _RATE = _between(0, 0), _between(1, 1), _between(2e-3, 2e-3), _between(0.1, 0.1)
 #: (coordinate, form, variable): how its a and b are drawn, from rng and the median travel (m).
 DRAWN = {
     ("sway", "cubic", "sway"): (_NOTHING, _MM),
@@ -111,9 +118,11 @@ DRAWN = {
     ("roll", "cubic", "roll"): (_NOTHING, _between(4e-3, 4e-3)),
     ("roll", "bump", "surge"): (_A_PLACE, _WIDE),
     ("roll", "saturation", "roll_rate"): (_NOTHING, _between(0.02, 0.1)),
-    **{(c, f, "surge"): (_A_PLACE, _WIDE) for c in COORDINATES for f in ("two_bumps", "plateau", "bipolar")},
-    ("sway", "damped_sine", "time"): (_between(0.2, 0.5), _between(0.1, 0.4)),
-    ("heave", "damped_sine", "time"): (_between(0.2, 0.5), _between(0.1, 0.4)),
+    **{(c, f, "surge"): (_A_PLACE, _WIDE) for c in COORDINATES for f in ("stretch", "pull_and_push", "two_bumps")},
+    **{(c, "sawtooth", "surge"): (_between(3, 8), _ONE) for c in COORDINATES},
+    **{(c, "chirp", "surge"): (_between(6, 12), _ONE) for c in COORDINATES},
+    ("sway", "ringing", "time"): (_between(0.2, 0.5), _between(0.1, 0.4)),
+    ("heave", "ringing", "time"): (_between(0.2, 0.5), _between(0.1, 0.4)),
 }
 #: Products of two: the second variable, its scale and its power.
 PRODUCTS = {

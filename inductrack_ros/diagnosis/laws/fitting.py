@@ -93,14 +93,23 @@ class Table:
 @dataclass(frozen=True)
 class Fitted:
     """A form fitted to a table: its parameters with their standard deviations, the misfit χ² of ``dof`` degrees of
-    freedom and its p-value. Its cost is χ² and log n for each parameter (Schwarz 1978)."""
+    freedom and its p-value.
+
+    Its cost is χ² and its ``price``: by how much the data have narrowed its parameters, twice the log of the volume
+    (Laplace; Kass and Raftery 1995, JASA 90, eq. 3). Of a size as much is known before as one sample tells (Schwarz
+    1978), a shape may lie anywhere within its bounds."""
 
     form: Form
     parameters: Mapping[str, float]
     deviations: Mapping[str, float]
     misfit: float
     dof: int
-    cost: float
+    price: float
+
+    @property
+    def cost(self) -> float:
+        """χ² with the price, which ranks."""
+        return self.misfit + self.price
 
     @property
     def p_value(self) -> float:
@@ -114,13 +123,14 @@ def fitted(table: Table, samples: int, forms: Sequence[Form] | None = None) -> l
     for form in forms_on(table.variable, table.acts_on, table.factor is not None) if forms is None else forms:
         parameters, misfit = _fitted(table, form)
         parameters = _canonical(form, parameters)
+        slopes = _slopes(table, form, parameters)
         one = Fitted(
             form,
             parameters,
-            _deviations(table, form, parameters),
+            _deviations(form, slopes),
             misfit,
             table.seen - form.count,
-            misfit + form.count * float(np.log(max(samples, 2))),
+            _price(table, form, parameters, slopes, samples),
         )
         laid = table.lay(form.value(table.u, parameters)[:, None])[:, 0]
         if not any(f.form.count == form.count and _parallel(laid, other) for f, other in found):
@@ -134,8 +144,8 @@ def likely(fits: Sequence[Fitted], within: float) -> list[Fitted]:
     return [f for f in left if f.cost < left[0].cost + within]
 
 
-def _deviations(table: Table, form: Form, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Standard deviations of a form's parameters, to first order."""
+def _slopes(table: Table, form: Form, parameters: Mapping[str, float]) -> np.ndarray:
+    """Derivatives (d, p) of what the data see of a form by its parameters."""
     slopes = []
     for name in form.names:
         step = 1e-5 * max(
@@ -143,10 +153,22 @@ def _deviations(table: Table, form: Form, parameters: Mapping[str, float]) -> di
         )
         ahead, behind = (form.value(table.u, {**parameters, name: parameters[name] + h}) for h in (step, -step))
         slopes.append((ahead - behind) / (2.0 * step))
-    columns = table.lay(np.column_stack(slopes))
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    covariance = np.linalg.pinv((columns / scale).T @ (columns / scale), rcond=1e-12, hermitian=True)
+    return table.lay(np.column_stack(slopes))
+
+
+def _deviations(form: Form, slopes: np.ndarray) -> dict[str, float]:
+    """Standard deviations of a form's parameters, to first order."""
+    scale = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+    covariance = np.linalg.pinv((slopes / scale).T @ (slopes / scale), rcond=1e-12, hermitian=True)
     return dict(zip(form.names, (np.sqrt(np.diag(covariance)) / scale).tolist(), strict=True))
+
+
+def _price(table: Table, form: Form, parameters: Mapping[str, float], slopes: np.ndarray, samples: int) -> float:
+    """Twice the log of how much wider a form's parameters lay before the data than after."""
+    sizes = np.sqrt(max(samples, 2)) / np.maximum(np.linalg.norm(slopes[:, : len(form.terms)], axis=0), 1e-300)
+    shapes = [table.range.spread(s.kind, parameters[s.name]) for s in form.shapes]
+    wide = slopes * np.concatenate([sizes, shapes])
+    return float(np.linalg.slogdet(np.eye(form.count) + wide.T @ wide)[1])
 
 
 def _parallel(a: np.ndarray, b: np.ndarray) -> bool:

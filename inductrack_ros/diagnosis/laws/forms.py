@@ -32,7 +32,9 @@ RATES = ("sway_rate", "heave_rate", "roll_rate")
 ANY = VARIABLES
 #: A form's expression means by ``math``, ``max`` and ``min`` what a compiled effect means by them, for whole arrays.
 _NAMES = {
-    "math": types.SimpleNamespace(exp=np.exp, tanh=np.tanh, sin=np.sin, cos=np.cos, copysign=np.copysign, pi=math.pi),
+    "math": types.SimpleNamespace(
+        exp=np.exp, tanh=np.tanh, sin=np.sin, cos=np.cos, copysign=np.copysign, sqrt=np.sqrt, pi=math.pi, e=math.e
+    ),
     "abs": np.abs,
     "max": np.maximum,
     "min": np.minimum,
@@ -253,6 +255,37 @@ FORMS: tuple[Form, ...] = (
         causes={"place": "a patch that the arrays pass over, as long as they are", "time": "a gust or a push"},
     ),
     Form(
+        "stretch",
+        "a force over a stretch",
+        "F ½(tanh((u − u₀ + w)/e) − tanh((u − u₀ − w)/e))",
+        (
+            _force(
+                "0.5 * (math.tanh((u - place + width) / edge) - math.tanh((u - place - width) / edge))",
+                "force in the middle",
+            ),
+        ),
+        (_PLACE, Shape("width", "width", "half its whole width"), Shape("edge", "width", "over which it rises")),
+        on=ALONG,
+        causes={"place": "a stretch of another kind of track", "time": "something that is switched on and off again"},
+    ),
+    Form(
+        "pull_and_push",
+        "a force one way and then the other",
+        "F 2.33 ((u − u₀)/w) exp(−((u − u₀)/w)²)",
+        (
+            _force(
+                "math.sqrt(2.0 * math.e) * (u - place) / width * math.exp(-(((u - place) / width) ** 2))",
+                "largest force",
+            ),
+        ),
+        (_PLACE, _WIDTH),
+        on=ALONG,
+        causes={
+            "place": "a magnet or a piece of iron that attracts from both sides, or a bend of the track",
+            "time": "a knock",
+        },
+    ),
+    Form(
         "sine",
         "a sine",
         "F sin(2π u/Λ + φ)",
@@ -263,6 +296,19 @@ FORMS: tuple[Form, ...] = (
             "place": "something that repeats along the track, as supports or joints",
             "time": "a machine that turns or shakes nearby",
         },
+    ),
+    Form(
+        "ringing",
+        "a vibration that dies away",
+        "F exp(−u/b) sin(2π u/Λ + φ)",
+        (_force("math.exp(-u / length) * math.sin(2.0 * math.pi * u / wavelength + phase)", "amplitude at zero"),),
+        (
+            Shape("length", "length", "over which it falls to 1/e"),
+            Shape("wavelength", "wavelength", "wavelength or period"),
+            Shape("phase", "phase", "phase"),
+        ),
+        on=("time",),
+        causes={"time": "something that rings after the start"},
     ),
     Form(
         "step",
@@ -390,6 +436,14 @@ class Range:
             "wavelength": (L / MOST_WAVES, 4 * L),
             "phase": (-10.0, 10.0),
         }[kind]
+
+    def spread(self, kind: str, value: float) -> float:
+        """Standard deviation of a parameter before the data, as far as a step from ``value`` sees it: it may lie
+        anywhere within its bounds, a length or a power at any magnitude of them."""
+        low, high = self.bounds(kind)
+        if kind in ("width", "length", "wavelength", "power"):
+            return abs(value) * float(np.log(high / low)) / np.sqrt(12.0)
+        return (2.0 * np.pi if kind == "phase" else high - low) / np.sqrt(12.0)
 
     def starts(self, kind: str) -> np.ndarray:
         """Values from which it is sought."""

@@ -51,10 +51,10 @@ def propose_laws(task: Task, state: State, unknown: Unknown | None, sigma: np.nd
         Written(s.form, table.acts_on, table.variable, s.parameters, table.range, factor=table.factor) for s in tried
     ]
     found: list[tuple[Fit, Written, ProposedLaw]] = []
-    for law in written:
+    for law, screen in zip(written, tried, strict=True):
         new = in_place(task, fit, name, law)
         excess = _misfit(new) - _misfit(fit)
-        price = law.form.count * float(np.log(samples)) + 2.0 * float(np.log(len(screened)))
+        price = screen.price + 2.0 * float(np.log(len(screened)))
         found.append((new, law, _judged(new, law, excess, table.seen, occam - price, unknown.at)))
     found.sort(key=lambda f: -f[2].evidence)
     holding = [f for f in found if f[2].p_value > LEVEL]

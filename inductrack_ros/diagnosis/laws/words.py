@@ -55,6 +55,7 @@ _SYMBOL = {
     "centre": "c",
     "clearance": "c",
     "width": "w",
+    "edge": "e",
     "wavelength": "Λ",
     "phase": "φ",
     "power": "p",
