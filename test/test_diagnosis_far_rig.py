@@ -12,6 +12,7 @@ import pytest
 import yaml
 from scipy.integrate import solve_ivp
 
+from inductrack_ros.checks.finding import WARNING, Finding
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis import strategy
@@ -141,7 +142,7 @@ def test_what_promises_much_and_keeps_none_says_that_something_is_missing(tmp_pa
 
 
 def test_a_ctrl_c_while_a_lead_is_sought_ends_the_search(monkeypatch):
-    def interrupted(task, state):
+    def interrupted(task, state, rival):
         raise KeyboardInterrupt
 
     filled = lambda task, state: replace(state, far=True)  # noqa: E731
@@ -161,3 +162,18 @@ def test_an_answer_of_more_effects_than_are_sought_is_in_doubt(tmp_path, monkeyp
     found = strategy.search(Task(problem, ("heave",)), State(base))
     assert found.added == ("heave_damping",) and found.far and found.verdict == "unknown_effect"
     assert found.log[0].startswith("4 effects are more than 3") and "open-loop" in found.log[1]
+
+
+@pytest.mark.parametrize("predicts", [False, True])
+def test_one_effect_that_predicts_better_is_named_where_the_rig_is_unlike_the_model(tmp_path, monkeypatch, predicts):
+    """The look at the data saw that no small effect makes the difference: several are then held against one."""
+    campaign = worse(tmp_path)
+    problem, base, _ = base_fit(campaign, Model.load(campaign.model))
+    task = Task(problem, ("heave",), (Finding("unlike", WARNING, "heave moves by other forces", channel="heave"),))
+    found_first = replace(best_lead(task, State(base)) if predicts else State(base), added=("one", "other"), far=False)
+    monkeypatch.setattr(strategy, "ADDING", (("known effects", lambda task, state: found_first),))
+    monkeypatch.setattr(strategy, "REVISING", ())
+    monkeypatch.setattr(strategy, "last_screened", lambda task, state: state)
+    monkeypatch.setattr(strategy, "unkept", lambda state: "")
+    found = strategy.search(task, State(base))
+    assert found.added == (("one", "other") if predicts else ("heave_damping",))

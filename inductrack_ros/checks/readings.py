@@ -153,7 +153,7 @@ def explains(before: Mapping[str, float], after: Mapping[str, float], about: Seq
 
     What it is ``about`` has to belong then, also where nothing told of it before."""
     mended = [c for c in bad(before) if after.get(c, 2.0) < levels.GOOD]
-    spoiled = [c for c in bad(after) if c not in bad(before) and (c in before or c in about)]
+    spoiled = [c for c in bad(after) if c in about or (c in before and c not in bad(before))]
     if not before:
         return {"sway", "heave", "roll"} <= after.keys() and max(after.values()) < levels.GOOD
     return bool(mended) and not spoiled and total(after, before) < (1 - BETTER) * total(before, before)

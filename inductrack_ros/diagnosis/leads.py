@@ -16,27 +16,31 @@ from ..estimation.problem import Problem
 from ..estimation.shooting import fit
 from .moves import State, Task, fitted_end_to_end, grown, screened, with_effects
 from .screening import CandidateSet
-from .settings import LEAD, REFIT_STEPS
+from .settings import LEAD, REFIT_STEPS, TWINS
 
 
-def best_lead(task: Task, state: State) -> State | None:
+def best_lead(task: Task, state: State, rival: State | None = None) -> State | None:
     """The state with the known effect that predicts the runs best, ``far`` where that leaves more than noise; None
-    where it leaves more than the part `LEAD` of the open-loop error.
+    where it leaves more than the part `LEAD` of the open-loop error, or costs hardly less than a ``rival``, and where
+    that leaves no more than noise.
 
     Each parameter costs what it does by Schwarz's criterion, the size of the error being unknown: log(n), against
     n log(error). Errors of a wrong model last, so n counts those that are independent."""
+    against = _flown(task, rival.fit.structure, rival.fit.point) if rival else None
+    if against and against.leaves_noise:
+        return None
     screening = screened(task, state)
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
     plain = fitted_end_to_end(task, state.fit.structure, state.fit.point)
     independent = _independent(task.problem, plain)
     error = _left(task.problem, plain)
 
-    def cost(tried: Flown) -> float:
-        added = len(tried.fit.theta) - len(state.fit.theta)
-        return independent * np.log(tried.left) + added * np.log(max(independent, 1.0))
+    def cost(tried: end_to_end.Fit) -> float:
+        return independent * np.log(_left(task.problem, tried)) + len(tried.theta) * np.log(max(independent, 1.0))
 
+    most = cost(against) if against else np.inf
     tried = [f for f in (_with(task, state, one) for one in screening.singles) if f.left < LEAD * error]
-    for f in sorted(tried, key=cost):
+    for f in sorted((f for f in tried if cost(f.fit) < most - TWINS), key=lambda f: cost(f.fit)):
         new = fit(task.problem, f.fit.structure, replace(f.point, theta=f.fit.theta), REFIT_STEPS)
         if not new.lost:
             line = f"{f.one.title}: open-loop χ² per sample {error:.3g} -> {f.left:.3g}"

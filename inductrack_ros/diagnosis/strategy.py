@@ -74,6 +74,10 @@ def search(task: Task, state: State) -> State:
     if len(state.added) > MOST_EFFECTS:
         doubt = f"{len(state.added)} effects are more than {MOST_EFFECTS}: the model is too far from the rig to be sure"
         return _led(task, start, replace(state.told(doubt), far=True))
+    if len(state.added) > 1 and any(h.kind == "unlike" for h in task.hints):
+        led = _led(task, start, state, rival=state)  # on such a rig one may predict better than all that imitate it
+        if led is not state:
+            return led
     if state.verdict == "unknown_effect":
         return likeliest(task, state)
     state = last_screened(task, likeliest(task, state))
@@ -90,13 +94,14 @@ def unkept(state: State) -> str:
     return best.members[0].name if best and best.cost < screening.scores.plain - NEAR else ""
 
 
-def _led(task: Task, start: State, found: State) -> State:
+def _led(task: Task, start: State, found: State, rival: State | None = None) -> State:
     """The one effect with which a model far from the rig predicts the runs best, in the place of all that was found.
 
-    It is sought from where the search began. Where no effect explains more than it leaves, what was found stays. Where
-    one leaves more than noise (``far``), the next effect is asked for once this one is added."""
+    It is sought from where the search began. Where no effect explains more than it leaves, or predicts better than a
+    ``rival``, what was found stays. Where one leaves more than noise (``far``), the next effect is asked for once this
+    one is added."""
     try:
-        lead = best_lead(task, start)
+        lead = best_lead(task, start, rival)
         if lead is None:
             return found
         state = add_background(task, lead)
