@@ -26,7 +26,7 @@ def best_lead(task: Task, state: State, rival: State | None = None) -> State | N
 
     Each parameter costs what it does by Schwarz's criterion, the size of the error being unknown: log(n), against
     n log(error). Errors of a wrong model last, so n counts those that are independent."""
-    against = _flown(task, rival.fit.structure, rival.fit.point) if rival else None
+    against = fitted_end_to_end(task, rival.fit.structure, rival.fit.point) if rival else None
     if against and against.leaves_noise:
         return None
     screening = screened(task, state)
