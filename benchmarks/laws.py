@@ -20,6 +20,7 @@ import argparse
 import collections
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -150,6 +151,80 @@ def scaled(law: Force, scale: float) -> Force:
     return lambda u: scale * law(u)
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """A law drawn at random over a variable's range, at a scale of one, and the samples (n,) that tell of it.
+
+    ``what`` is its form with the parameters ``truth`` if it is of the list, else what it is called."""
+
+    variable: str
+    range: Range
+    u: np.ndarray
+    what: Form | str
+    truth: dict[str, float]
+    law: Force
+
+    @property
+    def title(self) -> str:
+        """What it is called."""
+        return self.what.name if isinstance(self.what, Form) else self.what
+
+
+def drawn(rng, of_list: bool) -> Drawn:
+    """A law of the list, or of none of its forms."""
+    variable = str(rng.choice(list(COVERED)))
+    low, high = (rng.uniform(*pair) for pair in COVERED[variable])
+    r = Range(float(low), float(high))
+    u = samples_of(rng, variable, r, int(rng.integers(1000, 8000)))
+    if of_list:
+        form, truth = inside(rng, variable, u, r)
+        return Drawn(variable, r, u, form, truth, partial(form.value, parameters=truth))
+    name, law = outside(rng, r)
+    return Drawn(variable, r, u, name, {}, law)
+
+
+class Score:
+    """How often laws of the list were told, and others taken for one."""
+
+    def __init__(self) -> None:
+        self.counts: collections.Counter[str] = collections.Counter()
+        self.missed: collections.Counter[tuple[str, str]] = collections.Counter()
+        self.sets: list[int] = []
+        self.covered: list[bool] = []
+
+    def add(self, one: Drawn, scale: float, found: Sequence[Fitted]) -> None:
+        """Count one law at a scale, and the set of forms that was found for it."""
+        if not isinstance(one.what, Form):
+            self.counts.update({"outside": 1, "false": bool(found), "one false": len(found) == 1})
+            if found:
+                self.missed[one.title, found[0].form.name] += 1
+            return
+        mine = next((f for f in found if f.form.name == one.title), None)
+        alone = len(found) == 1 and mine is not None
+        self.counts.update({"inside": 1, "in the set": mine is not None, "said none": not found, "alone": alone})
+        self.sets.append(len(found))
+        if mine is None:
+            self.missed[one.title, found[0].form.name if found else "none"] += 1
+            return
+        sizes = {t.size for t in one.what.terms}
+        for p, v in one.truth.items():
+            off = mine.parameters[p] - v * (scale if p in sizes else 1.0)
+            off = (off + np.pi) % (2 * np.pi) - np.pi if p == "phase" else off
+            self.covered.append(abs(off) < 1.96 * mine.deviations[p])
+
+    def lines(self) -> list[str]:
+        """What is printed."""
+        i, o = max(self.counts["inside"], 1), max(self.counts["outside"], 1)
+        share = {n: f"{100 * self.counts[n] / i:.0f} %" for n in ("in the set", "alone", "said none")}
+        wrong = {n: f"{100 * self.counts[n] / o:.0f} %" for n in ("false", "one false")}
+        return [
+            f"laws of the list: {i}; right law in the set {share['in the set']}, alone {share['alone']}, none said"
+            f" {share['said none']}, forms in the set {np.mean(self.sets):.1f}",
+            f"their parameters in the 95 % interval: {100 * np.mean(self.covered):.0f} % of {len(self.covered)}",
+            f"laws outside the list: {o}; a law of the list claimed {wrong['false']}, one alone {wrong['one false']}",
+        ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tables", type=int, default=400)
@@ -158,65 +233,25 @@ def main() -> None:
     parser.add_argument("--peers", action="store_true", help="PySINDy and an expression search on the same tables too")
     given = parser.parse_args()
     rows: dict[bool, list[Row]] = {True: [], False: []}
-    rng = np.random.default_rng(given.seed)
-    counts, sets, covered, missed = collections.Counter(), [], [], collections.Counter()
+    rng, score = np.random.default_rng(given.seed), Score()
     for k in range(given.tables):
-        variable = str(rng.choice(list(COVERED)))
-        low, high = (rng.uniform(*pair) for pair in COVERED[variable])
-        r = Range(float(low), float(high))
-        n = int(rng.integers(1000, 8000))
-        u = samples_of(rng, variable, r, n)
         of_list = k % 2 == 0
-        if of_list:
-            what, truth = inside(rng, variable, u, r)
-            law = partial(what.value, parameters=truth)
-        else:
-            (what, law), truth = outside(rng, r), {}
-        scale = 1.0 / np.std(law(u))
+        one = drawn(rng, of_list)
+        scale = 1.0 / np.std(one.law(one.u))
         signal = float(np.exp(rng.uniform(np.log(15.0), np.log(300.0))))  # over noise, all samples together
-        statement, curve = told(rng, variable, r, u, law(u) * scale, np.sqrt(n) / signal)
+        noise = np.sqrt(len(one.u)) / signal
+        statement, curve = told(rng, one.variable, one.range, one.u, one.law(one.u) * scale, noise)
         began = time.process_time()
-        fits = fitted(statement.table, n)
-        found = likely(fits, TWINS)
+        found = likely(fitted(statement.table, len(one.u)), TWINS)
+        score.add(one, scale, found)
         if given.peers:
-            cpu = time.process_time() - began
-            answers = {CURVE: Answer(curve, 0, "", 0.0), MINE: first(found, cpu), **asked(statement)}
-            row = judged(answers, scaled(law, scale), what if of_list else None, variable, r)
+            mine = first(found, time.process_time() - began)
+            answers = {CURVE: Answer(curve, 0, "", 0.0), MINE: mine, **asked(statement)}
+            row = judged(answers, scaled(one.law, scale), one.what if of_list else None, one.variable, one.range)
             rows[of_list].append(row)
-            print(f"{k + 1}: {what.name if of_list else what} on {variable}\n{line(row)}", flush=True)
-        if of_list:
-            counts["inside"] += 1
-            mine = next((f for f in found if f.form.name == what.name), None)
-            counts["in the set"] += mine is not None
-            counts["said none"] += not found
-            counts["alone"] += len(found) == 1 and mine is not None
-            sets.append(len(found))
-            if mine:
-                sizes = {t.size for t in what.terms}
-                for p, v in truth.items():
-                    off = mine.parameters[p] - v * (scale if p in sizes else 1.0)
-                    off = (off + np.pi) % (2 * np.pi) - np.pi if p == "phase" else off
-                    covered.append(abs(off) < 1.96 * mine.deviations[p])
-            elif given.misses:
-                missed[what.name, found[0].form.name if found else "none"] += 1
-        else:
-            counts["outside"] += 1
-            counts["false"] += bool(found)
-            counts["one false"] += len(found) == 1
-            if found and given.misses:
-                missed[what, found[0].form.name] += 1
-    i, o = max(counts["inside"], 1), max(counts["outside"], 1)
-    print(
-        f"laws of the list: {i}; right law in the set {100 * counts['in the set'] / i:.0f} %, alone"
-        f" {100 * counts['alone'] / i:.0f} %, none said {100 * counts['said none'] / i:.0f} %, forms in the set"
-        f" {np.mean(sets):.1f}"
-    )
-    print(f"their parameters in the 95 % interval: {100 * np.mean(covered):.0f} % of {len(covered)}")
-    print(
-        f"laws outside the list: {o}; a law of the list claimed {100 * counts['false'] / o:.0f} %, one alone"
-        f" {100 * counts['one false'] / o:.0f} %"
-    )
-    for (truth, said), times in missed.most_common():
+            print(f"{k + 1}: {one.title} on {one.variable}\n{line(row)}", flush=True)
+    print("\n".join(score.lines()))
+    for (truth, said), times in score.missed.most_common() if given.misses else ():
         print(f"  {truth}: {said}, {times}")
     for of_list, title in ((True, "laws of the list"), (False, "laws outside the list")):
         if lines := table(rows[of_list], title):

@@ -56,7 +56,7 @@ def compare(
     if any(c not in campaign.noise_std for c in campaign.channels):
         left = problem.residuals(structure, structure.start, states)
         found = noise.from_residuals(problem, left, campaign.noise_std)
-        problem = problem.with_sigma(np.fmax(found, [campaign.rounding.get(c, 0.0) for c in problem.channels]))
+        problem = problem.with_changes(sigma=np.fmax(found, [campaign.rounding.get(c, 0.0) for c in problem.channels]))
         states, horizons = _initial_states(problem, structure)
     sigma = dict(zip(problem.channels, problem.sigma.tolist(), strict=True))
     everywhere = Problem(replace(campaign, runs=tuple(_filled(r) for r in campaign.runs)), model, sigma)

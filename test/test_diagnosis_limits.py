@@ -67,7 +67,6 @@ def proposed(question, limits):
         fits["aerodynamic_drag"],
         {"viscous_drag": fits["viscous_drag"]},
         {"aerodynamic_drag": ("viscous_drag",)},
-        None,
         (),
     )
 

@@ -43,7 +43,7 @@ def question(tmp_path_factory):
 
 def asked(problem, drag, viscous):
     rivals, twins = {"viscous_drag": viscous}, {"aerodynamic_drag": ("viscous_drag",)}
-    return experiment.propose(problem, Threads().map, drag, rivals, twins, None, ())
+    return experiment.propose(problem, Threads().map, drag, rivals, twins, ())
 
 
 def test_two_runs_where_none_settles_it_alone(question, monkeypatch):

@@ -14,6 +14,7 @@ from inductrack_ros.data.measurement import Run
 from inductrack_ros.estimation import columns
 from inductrack_ros.estimation.linear import THETA_STEP, near_track
 from inductrack_ros.estimation.problem import Problem
+from inductrack_ros.estimation.run_model import RunModel
 from inductrack_ros.estimation.structure import Structure
 
 #: On a force in contact alone, on all of the way, on a parameter, and at places where the cradle passes and where not.
@@ -36,7 +37,7 @@ def landing():
     path[:, :8] = outputs[:, :8]
     run = Run("run", Path("run"), tuple(NOISE), times, outputs[:, :4].copy(), times, 0.0)
     problem = Problem(Campaign("rig", Path("rig"), (run,), NOISE), model, NOISE)
-    touching = near_track(problem, Structure(model, ()), 0, path)
+    touching = near_track(RunModel(problem, Structure(model, ()), 0), path)
     assert 0.1 < touching.mean() < 0.9
     return problem, path, touching
 
@@ -47,7 +48,7 @@ def test_forces_tell_what_an_integration_gives(landing, name):
     effect = name.partition("@")[0]
     wide = Structure(problem.model, ()).plus(effect, EFFECTS[name])
     thetas = np.vstack([wide.start, wide.start + THETA_STEP * np.eye(len(wide.start))])
-    about = problem, wide, 0, path, thetas, np.full(len(wide.start), THETA_STEP), problem.model.active_states
+    about = RunModel(problem, wide, 0), path, thetas, np.full(len(wide.start), THETA_STEP), problem.model.active_states
     told = columns.differences(*about, columns.Told(np.zeros(len(path)), touching))
     whole = columns.differences(*about)
     for some in (slice(0, 4), slice(4, 8)):  # places; rates

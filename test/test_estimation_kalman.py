@@ -99,7 +99,7 @@ def test_found_less_expected_is_the_slope_of_the_likelihood(run, contact):
     h = 1e-5
     steps = [h * told * e for e in np.eye(4)]
     slopes = [(twice_log_likelihood(power + e) - twice_log_likelihood(power - e)) / (2 * h) for e in steps]
-    assert smoothed.found - smoothed.expected == pytest.approx(slopes, rel=1e-5)
+    assert smoothed.of_power[0] - smoothed.of_power[1] == pytest.approx(slopes, rel=1e-5)
 
 
 def test_the_slopes_by_kicks_starts_and_readings(run):
@@ -145,7 +145,7 @@ def test_of_a_run_kept_in_step_variances_are_charged_as_if_its_pulses_came_with_
         return -np.linalg.slogdet(in_step)[1] - r @ np.linalg.solve(covariance, r)
 
     smoothed = run_smoother(paced, filtered, theta)
-    found, V = smoothed.found - smoothed.expected, run.variance
+    found, V = smoothed.of_power[0] - smoothed.of_power[1], run.variance
     for c, step in enumerate(h * np.eye(4)):
         slope = (less_deviance(power + step, V) - less_deviance(power - step, V)) / (2 * h)
         assert found[c] == pytest.approx(slope, rel=1e-5)

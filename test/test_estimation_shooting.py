@@ -13,9 +13,9 @@ from inductrack_ros.data.campaign import Campaign
 from inductrack_ros.data.measurement import Run
 from inductrack_ros.diagnosis import moves, screening, strategy
 from inductrack_ros.estimation import likelihood, shooting
-from inductrack_ros.estimation.linear import pieces
 from inductrack_ros.estimation.problem import Problem
 from inductrack_ros.estimation.processes import IMPACT, LOOSE, Process
+from inductrack_ros.estimation.run_model import RunModel
 from inductrack_ros.estimation.structure import Structure
 
 NOISE = {"surge": 5e-4, "sway": 3e-5, "heave": 3e-5, "roll": 1e-4}
@@ -105,7 +105,7 @@ def test_a_fit_goes_on_while_the_disturbance_still_falls():
     theta = np.append(without.theta, structure.start[-1])
     point = replace(without.point, theta=theta)
     new = shooting.fit(of, structure, point)
-    last = likelihood.settle(of, structure, shooting.linearise_all(of, new), new.point, 1)
+    last = likelihood.maximise_evidence(of, structure, shooting.linearise_all(of, new), new.point, 1)
     assert new.converged and last.to_gain < 1.0 and (new.power < 1e-6).all()
 
 
@@ -145,7 +145,7 @@ def test_a_ripple_of_the_thrust_is_told_as_finely_as_a_force_in_surge():
     assert new.converged and new.deviance < fit.deviance - 0.8 * best.gain and new.power[0] < 1e-3 * fit.power[0]
     k = int(np.argmax(np.where([".values[" in n for n in new.structure.free], new.theta, 0.0)))
     thetas = new.theta + np.outer([0.01, -0.01], np.arange(len(new.theta)) == k)
-    _, ends = pieces(rig, new.structure, 0, thetas, np.zeros((2, new.paths[0].shape[1])), new.paths[0])
+    _, ends = RunModel(rig, new.structure, 0).pieces(new.paths[0], thetas)
     really = (ends[:-1, 0, 4] - ends[:-1, 1, 4]) / 0.02
     said = shooting.linearise_all(rig, new)[0].inputs[:-1, 4, 1 + k]
     assert said @ really / (really @ really) == pytest.approx(1.0, abs=0.05)  # a share of the thrust without shares

@@ -51,13 +51,11 @@ def made(effects: tuple[str, ...] = (), **others) -> Diagnosis:
     for k, effect in enumerate(effects):
         name = next(iter(model.known_effects[effect.partition(":")[0]].parameters))
         where = {"run": {"run_0": 0.7, NASTY: 0.3}, "speed": {"0–10 m/s": 0.1, "10–20 m/s": 0.9}}
-        best = Rival(effect, effects[:k], 12345.6, 14.0, {name: 0.0123}, {name: 4e-4}, 1.02, True, "needed", where)
-        worse = Rival("skin_friction_drag", effects[:k], 812.0, 14.0, {"wetted_area": 1.2}, {"wetted_area": 0.1}, 1.4)
+        best = Rival(effect, effects[:k], 12345.6, 14.0, {name: 0.0123}, {name: 4e-4}, True, "needed", where)
+        worse = Rival("skin_friction_drag", effects[:k], 812.0, 14.0, {"wetted_area": 1.2}, {"wetted_area": 0.1})
         rivals += [worse, best]
     if not effects:
-        rivals = [
-            Rival("cg_offset", (), 3.0, 14.0, {"offset": 1e-6}, {"offset": 2e-6}, None, False, "no more than chance")
-        ]
+        rivals = [Rival("cg_offset", (), 3.0, 14.0, {"offset": 1e-6}, {"offset": 2e-6}, False, "no more than chance")]
     return replace(
         Diagnosis(
             campaign=f"rig {NASTY}",

@@ -13,8 +13,7 @@ from inductrack_ros import cli
 from inductrack_ros.core.errors import InputError
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.uncertainty import BLOCK, Uncertainty
-from inductrack_ros.diagnosis.known import uncertainty_of
-from inductrack_ros.estimation.structure import Structure
+from inductrack_ros.estimation.structure import Fitted, Structure
 
 KNOWN = Uncertainty(("eta", "gamma"), np.array([[4e-6, -1e-5], [-1e-5, 9e-4]]))
 
@@ -88,19 +87,18 @@ def test_fit_writes_the_covariance_that_it_tells(tmp_path):
     assert known.covariance / np.outer(std, std) == pytest.approx(np.array(told["correlation"]))
 
 
-class Found:
-    """A fit as `uncertainty_of` sees it."""
+class Found(Fitted):
+    """A fit of two parameters that go together."""
 
     def __init__(self, structure, std):
         self.structure, self.theta = structure, structure.start
         self.covariance = np.outer(std, std) * np.array([[1.0, 0.5], [0.5, 1.0]])
-        self.deviations = structure.spread(self.theta, np.array(std))
 
 
 def test_a_parameter_that_is_fitted_as_its_inverse_turns_its_correlations_round():
     inverse = "drive_back_emf.cutoff_speed"
     structure = Structure(Model.create(effects={"drive_back_emf": {"cutoff_speed": 300.0}}), ("eta", inverse))
-    known = uncertainty_of(Found(structure, [0.01, 0.02]))
+    known = Found(structure, [0.01, 0.02]).uncertainty
     assert known.names == ("eta", inverse)
     correlation = known.covariance[0, 1] / np.sqrt(known.covariance[0, 0] * known.covariance[1, 1])
     assert correlation == pytest.approx(-0.5)

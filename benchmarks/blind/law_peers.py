@@ -63,8 +63,8 @@ def ask_law_peers(heard: Mock, found, truth: dict, heldout: Path) -> dict[str, d
         statement = statement_of(task, state, name)
         error_of = partial(heldout_error, heldout, noise=truth["plan"]["noise"])
         right = partial(is_right, table=statement.table, truth=truth)
-        answers = {title: _asked(peer, statement, task, state, name, right, error_of)
-                   for peer, title in LAW_PEERS.items()}  # fmt: skip
+        refit = partial(refitted, table=statement.table, task=task, state=state, name=name)
+        answers = {title: _asked(peer, statement, refit, right, error_of) for peer, title in LAW_PEERS.items()}
     if found.laws is not None and found.laws.proposed:
         form, values = first_law(found)
         mine = {"right": right(partial(form.value, parameters=values)), "text": form.name, "terms": len(form.terms)}
@@ -93,9 +93,7 @@ def is_right(force: Callable[[np.ndarray], np.ndarray], table: Table, truth: dic
 def _asked(
     peer: str,
     statement: Statement,
-    task: Task,
-    state: State,
-    name: str,
+    refit: Callable[[Formula], tuple[Formula, Model]],
     right: Callable,
     error_of: Callable[[Model], float],
 ) -> dict:
@@ -104,13 +102,13 @@ def _asked(
     try:
         formula = ask(peer, statement)
         times.append(time.process_time())
-        formula, model = refitted(formula, statement.table, task, state, name)
+        formula, model = refit(formula)
         times.append(time.process_time())
         error = error_of(model)
     except Exception as failure:  # a crash is no formula, with a reason
         return {"right": False, "error": None, "text": f"{type(failure).__name__}: {failure}"}
-    cpu, refit = np.diff(times).tolist()
-    more = {"text": formula.text, "terms": len(formula.terms), "cpu": cpu, "refit": refit}
+    cpu, refitting = np.diff(times).tolist()
+    more = {"text": formula.text, "terms": len(formula.terms), "cpu": cpu, "refit": refitting}
     return {"right": right(formula), "error": error, **more}
 
 

@@ -31,7 +31,7 @@ from scipy.linalg import LinAlgWarning
 
 from inductrack_ros.core.model import Model
 from inductrack_ros.data.campaign import Campaign
-from inductrack_ros.diagnosis.screening import SHORTEST_WAVE, names
+from inductrack_ros.diagnosis.candidates import SHORTEST_WAVE, names
 from inductrack_ros.estimation import noise
 from inductrack_ros.estimation.problem import Problem
 from inductrack_ros.estimation.structure import Structure

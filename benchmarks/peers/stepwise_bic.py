@@ -15,7 +15,7 @@ What helps it: the compiled simulator and its derivatives, the growing horizon o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,7 +24,7 @@ from scipy.signal import lombscargle
 from inductrack_ros.core.model import Model
 from inductrack_ros.core.state import INDEX
 from inductrack_ros.data.campaign import Campaign
-from inductrack_ros.diagnosis.screening import SHORTEST_WAVE, names
+from inductrack_ros.diagnosis.candidates import SHORTEST_WAVE, names
 from inductrack_ros.estimation import noise
 from inductrack_ros.estimation.problem import STATE_PRIOR, Linearisation, Problem
 from inductrack_ros.estimation.structure import THETA_PRIOR, Structure
@@ -86,7 +86,10 @@ class Refitter:
     def linearise(self, structure: Structure, z: np.ndarray, reuse: Linear | None = None) -> Linear:
         """Residuals and derivatives at z; with ``reuse`` those by the initial states are an earlier fit's nearby."""
         g = len(structure.free)
-        return self.problem.linearise(structure, z[:g], self.states(z, g), reuse)
+        if reuse is None:
+            return self.problem.linearise(structure, z[:g], self.states(z, g))
+        parts = self.problem.linearise(structure, z[:g], self.states(z, g), sides=())
+        return [replace(part, by_state=old.by_state) for part, old in zip(parts, reuse, strict=True)]
 
     def fit(self, structure: Structure, z: np.ndarray, evaluations: int, reuse: Linear | None = None) -> Fitted:
         """From z, at most so many evaluations. A weak prior holds what the data say nothing about.
@@ -194,7 +197,7 @@ def diagnose(campaign: Campaign, model: Model) -> Found:
     if len(campaign.noise_std) < len(problem.channels):
         g = len(structure.free)
         rest = problem.residuals(structure, current.z[:g], refit.states(current.z, g))
-        refit.problem = problem = problem.with_sigma(noise.from_residuals(problem, rest, campaign.noise_std))
+        refit.problem = problem = problem.with_changes(sigma=noise.from_residuals(problem, rest, campaign.noise_std))
         current = refit.fit(structure, current.z, FULL)
     for _ in range(MOST):
         near = refit.linearise(current.structure, current.z)

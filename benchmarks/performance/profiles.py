@@ -18,7 +18,7 @@ from pathlib import Path
 from inductrack_ros.core.model import Model
 from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis.diagnose import base_fit, diagnose
-from inductrack_ros.estimation.fit import fit_from_scratch
+from inductrack_ros.estimation.horizons import fit_from_scratch
 from inductrack_ros.nodes.domain import claim_domain
 from inductrack_ros.workers import Threads
 

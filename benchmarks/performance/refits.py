@@ -19,7 +19,7 @@ from inductrack_ros.data import load_campaign
 from inductrack_ros.diagnosis.diagnose import base_fit, diagnose
 from inductrack_ros.diagnosis.moves import State, Task, refitted, settled
 from inductrack_ros.diagnosis.screening import screen
-from inductrack_ros.estimation.fit import fit_from_scratch
+from inductrack_ros.estimation.horizons import fit_from_scratch
 from inductrack_ros.estimation.problem import STATE_PRIOR, Problem
 from inductrack_ros.estimation.shooting import linearise_all
 from inductrack_ros.estimation.structure import Structure
@@ -75,8 +75,7 @@ def measure(quick: bool) -> dict:
         result = task()
         return time.process_time() - began, result
 
-    alone = problem.subset(range(len(problem.runs)))
-    alone.threads = Threads(1)
+    alone = problem.with_changes(threads=Threads(1))
     guesses = [d.guess for d in problem.runs]
     reached = {}
     times = in_turn({

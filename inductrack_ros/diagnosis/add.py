@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,10 +17,11 @@ from ..core.model import Model
 from ..data.campaign import Campaign
 from ..estimation.scores import Background
 from . import support
+from .candidates import Candidate
 from .diagnose import base_fit, diagnosis_of
 from .moves import State, Task, refitted, screened, settled
 from .result import Diagnosis
-from .screening import Candidate, CandidateSet
+from .screening import CandidateSet
 from .strategy import add_background, add_known, add_unknown
 
 
@@ -41,7 +41,6 @@ def add_effect(
 
     Raises `InputError` for data that cannot be meant as they are written. It is raised as well for an effect that is
     not known, that is in the model already, or that is a fault of a sensor that no run has."""
-    began = time.monotonic()
     campaign, seen = admit(campaign, model)
     hear(seen)
     item, _ = split_name(name, model.known_effects, campaign.channels)
@@ -56,7 +55,7 @@ def add_effect(
     before = add_background(task, State(base))
     screening = screened(task, before)
     before = replace(before, rounds=(((), screening),))
-    starts = [s for s in screening.sets if len(s.members) == 1 and s.members[0].name == name]
+    starts = [s for s in screening.sets if s.names == (name,)]
     if not starts and item.screened:
         raise InputError(f"'{name}' leaves no trace in these runs, whatever its size; it cannot be fitted to them")
     starts = starts or [_as_it_is(before, name, len(item.parameters))]
@@ -68,7 +67,7 @@ def add_effect(
     added = add_background(task, added)
     gains = gains or added.fit.exact and not before.fit.exact  # it alone leaves nothing but noise, in contact too
     added = replace(added, rounds=(*added.rounds, (added.added, screened(task, added))))
-    found = diagnosis_of(campaign, task, added, base, undetermined, notes, began)
+    found = diagnosis_of(campaign, task, added, base, undetermined, notes)
     verdict = "unknown_effect" if _something_left(task, added) else "missing_effect" if gains else "adequate"
     own = [r for r in found.rivals if r.name == name]
     return replace(found, verdict=verdict, effects=(name,), rivals=tuple(replace(r, chosen=gains) for r in own[:1]))

@@ -14,16 +14,16 @@ from scipy import stats
 from ..core.effects.stand_in import VARIABLES, basis, covered
 from ..estimation import columns
 from ..estimation.likelihood import Point
-from ..estimation.linear import histories
 from ..estimation.problem import Problem
 from ..estimation.processes import IMPACT
-from ..estimation.shooting import Fit, fit
+from ..estimation.shooting import Fit, all_histories, fit
 from . import background
+from .candidates import WAVES
 from .factor import Factor
 from .laws.result import Laws
 from .moves import State, Task
 from .result import Limit, Rival, Test, Unknown
-from .screening import WAVES, Screening
+from .screening import Screening
 from .settings import POWER, REFIT_STEPS
 
 #: A standard deviation of this many typical sizes means that the data say nothing of an effect.
@@ -52,7 +52,7 @@ def _with_some(problem: Problem, f: Fit, base: Fit, gone: Sequence[str]) -> Fit:
         structure = structure.minus(name)
     theta, paths = f.theta[[f.structure.free.index(n) for n in structure.free]], base.paths
     if structure.model.carries_states:
-        paths = tuple(problem.for_runs(lambda i: columns.carried(problem, structure, i, base.paths[i])))
+        paths = columns.all_carried(problem, structure, paths)
     return fit(problem, structure, Point(theta, paths, base.power, base.processes), REFIT_STEPS)
 
 
@@ -76,74 +76,54 @@ def settled_base(task: Task, state: State, base: Fit) -> Fit:
 
 
 def rivals_of(state: State, where: Mapping[str, Mapping[str, Mapping[str, float]]]) -> tuple[Rival, ...]:
-    """Every candidate of every round of the search, with the fall of the deviance that it promised."""
+    """Every candidate of every round of the search that added something, with the fall of the deviance that it
+    promised."""
     found = []
-    for k, (beside, screening) in enumerate(state.rounds):
-        after = state.rounds[k + 1][0] if k + 1 < len(state.rounds) else state.added
-        taken = [n for n in after if n not in beside]
-        if not taken:
+    after_each = [*(beside for beside, _ in state.rounds[1:]), state.added]
+    for (beside, screening), after in zip(state.rounds, after_each, strict=True):
+        if not (taken := set(after) - set(beside)):
             continue
-        singles = [s for s in screening.sets if len(s.members) == 1]
-        best = max((screening.scores.plain - s.deviance for s in singles), default=1.0)
-        for s in sorted(singles, key=lambda s: s.deviance):
-            member, fall = s.members[0], screening.scores.plain - s.deviance
+        plain = screening.scores.plain
+        singles = sorted((s for s in screening.sets if len(s.members) == 1), key=lambda s: s.deviance)
+        best = max(plain - singles[0].deviance, 1e-9) if singles else 1.0
+        for s in singles:
+            member, fall = s.members[0], plain - s.deviance
             chosen = member.name in taken
             f = state.fit if chosen else state.rival_fits.get(member.name) if after == state.added else None
             own = {n: v for n, v in f.values.items() if n.startswith(f"{member.name}.") and "[" not in n} if f else {}
-            share = f"explains {100 * max(fall, 0.0) / max(best, 1e-9):.0f} % of what the best would"
-            words = (
-                "chosen"
-                if chosen
-                else (
-                    "refitted: the data cannot tell it from the chosen"
-                    if f
-                    else f"not refitted: to first order it {share}"
-                )
-            )
-            std = {n: f.deviations[n] for n in own} if f else {}
-            at = where.get(member.name, {}) if chosen else {}
-            found.append(
-                Rival(
-                    member.name,
-                    beside,
-                    fall,
-                    member.price(screening.family),
-                    own,
-                    std,
-                    None,
-                    chosen,
-                    words,
-                    at,
-                    f is not None,
-                )
-            )
+            words = "chosen" if chosen else "refitted: the data cannot tell it from the chosen"
+            if not f:
+                share = 100 * max(fall, 0.0) / best
+                words = f"not refitted: to first order it explains {share:.0f} % of what the best would"
+            rival = Rival(
+                member.name, beside, fall, member.price(screening.family), own,
+                {n: f.deviations[n] for n in own} if f else {}, chosen, words,
+                where.get(member.name, {}) if chosen else {}, f is not None,
+            )  # fmt: skip
+            found.append(rival)
     return tuple(found)
 
 
 def limits_of(state: State, screening: Screening) -> tuple[Limit, ...]:
     """The smallest size of each effect with a size of its own that would have been found in `POWER` of such
     campaigns."""
-    structure, found = state.fit.structure, []
+    structure, found = state.fit.structure, dict[str, Limit]()
+    first = len(structure.free)
     for label, candidate in screening.candidates.items():
         e = screening.scores.unbounded.expected([label])
-        if not e.size.size or candidate.start and candidate.name != WAVES:
+        if candidate.name in found or not e.size.size or candidate.start and candidate.name != WAVES:
             continue
         deviation = float(np.sqrt(max(e.covariance[0, 0], 0.0)))
-        if not 0.0 < deviation < NOTHING_SAID:
-            continue
-        size = (np.sqrt(candidate.price(screening.family)) + stats.norm.ppf(POWER)) * deviation
         wide = structure.plus(candidate.name, candidate.start)
-        first = len(structure.free)
-        if len(wide.free) == first:
+        if not 0.0 < deviation < NOTHING_SAID or len(wide.free) == first:
             continue
-        declared, scale = wide.declarations[first], wide.scale[first]
+        size = (np.sqrt(candidate.price(screening.family)) + stats.norm.ppf(POWER)) * deviation * wide.scale[first]
+        declared = wide.declarations[first]
         neutral = 0.0 if candidate.name == WAVES or np.isinf(declared.default) else declared.to_fit(declared.default)
-        value = declared.from_fit(neutral + size * scale) - (declared.default if declared.fit_as == "x" else 0.0)
-        found.append(Limit(candidate.name, wide.free[first].rpartition(".")[2], declared.unit, float(value)))
-    best: dict[str, Limit] = {}
-    for limit in found:
-        best.setdefault(limit.name, limit)
-    return tuple(sorted(best.values(), key=lambda x: x.name))
+        value = declared.from_fit(neutral + size) - (declared.default if declared.fit_as == "x" else 0.0)
+        parameter = wide.free[first].rpartition(".")[2]
+        found[candidate.name] = Limit(candidate.name, parameter, declared.unit, float(value))
+    return tuple(sorted(found.values(), key=lambda x: x.name))
 
 
 def tests_of(screening: Screening) -> tuple[tuple[Test, ...], float]:
@@ -170,7 +150,7 @@ def unknown_of(state: State, problem: Problem) -> Unknown | None:
     found = curve_of(state.fit, name)
     variables = [VARIABLES[int(state.fit.model.effects[name]["variable"])]]
     variables += [found.factor.variable] if found.factor else []
-    runs = [histories(d, path) for d, path in zip(problem.runs, state.fit.paths, strict=True)]
+    runs = all_histories(problem, state.fit)
     seen = np.concatenate([np.column_stack([r[v] for v in variables]) for r in runs])
     return replace(found, seen=seen[:: max(1, len(seen) // SEEN)])
 
@@ -195,15 +175,11 @@ def sigma_found(task: Task, state: State, rounded: Mapping[str, float]) -> np.nd
     rounding."""
     sigma = task.problem.sigma.copy()
     for c, channel in enumerate(task.problem.channels):
-        parts = [
-            p.size for p in state.fit.processes if p.on == channel and p.kind in (background.WHITE, background.COLOURED)
-        ]
-        if parts:
-            sigma[c] *= float(np.sqrt(np.sum(np.square(parts)) + (0.0 if _is_white(state, channel) else 1.0)))
+        kinds = (background.WHITE, background.COLOURED)
+        sizes = {p.kind: p.size for p in state.fit.processes if p.on == channel and p.kind in kinds}
+        if sizes:
+            white = 0.0 if background.WHITE in sizes else 1.0
+            sigma[c] *= float(np.sqrt(np.sum(np.square(list(sizes.values()))) + white))
         if channel in rounded:
             sigma[c] /= np.sqrt(background.ALIKE)
     return sigma
-
-
-def _is_white(state: State, channel: str) -> bool:
-    return any(p.kind == background.WHITE and p.on == channel for p in state.fit.processes)

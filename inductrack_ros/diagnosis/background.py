@@ -7,22 +7,21 @@ was added since, is higher than chance would make it."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
 from ..checks import Finding
 from ..estimation.kalman import LinearRun
-from ..estimation.likelihood import TOLERANCE, Point, Settled, settle
+from ..estimation.likelihood import TOLERANCE, MostLikely, Point, maximise_evidence
 from ..estimation.problem import Problem
 from ..estimation.processes import (
     COLOURED,
-    FREEDOM,
-    HELD,
     HUM,
     IMPACT,
     JITTER,
+    KINDS,
     LOOSE,
     NOISY_RUN,
     ROUNDED,
@@ -64,14 +63,6 @@ def noise_of_rounding(hints: Sequence[Finding]) -> dict[str, float]:
     return {h.channel: float(np.sqrt(ALIKE / 12.0) * h.size["step"]) for h in hints if h.kind == ROUNDED and h.channel}
 
 
-@dataclass(frozen=True)
-class Tried:
-    """Processes settled at a linearisation, and the deviance with what they cost by chance."""
-
-    settled: Settled
-    cost: float
-
-
 def processes_at_first(problem: Problem, given: Sequence[str], hints: Sequence[Finding] = ()) -> tuple[Process, ...]:
     """Those of every fit: contact is never exact, noise that is not ``given`` has to be found, and rounding is not
     noise alone."""
@@ -87,15 +78,14 @@ def processes_at_first(problem: Problem, given: Sequence[str], hints: Sequence[F
 def optional(p: Process, given: Sequence[str]) -> bool:
     """Whether a process has to pay for itself; it does not where it is held, or is noise that is not ``given`` and has
     to be found."""
-    return p.kind not in HELD and not (p.kind == WHITE and p.on not in given)
+    return p.freedom > 0 and not (p.kind == WHITE and p.on not in given)
 
 
 def price(problem: Problem, given: Sequence[str], processes: Sequence[Process]) -> float:
     """Fall of the deviance that chance reaches with these processes in `LEVEL` of campaigns, all that are tried
     counted."""
-    family = len(problem.channels) * (FREEDOM[COLOURED] + FREEDOM[HUM] + FREEDOM[WHITE]) + len(problem.runs) + 3
-    paid = [p for p in processes if optional(p, given)]
-    return sum(float(stats.chi2.isf(LEVEL / family, FREEDOM[p.kind])) for p in paid)
+    family = len(problem.channels) * sum(KINDS[k][1] for k in (COLOURED, HUM, WHITE)) + len(problem.runs) + 3
+    return sum(float(stats.chi2.isf(LEVEL / family, p.freedom)) for p in processes if optional(p, given))
 
 
 def improved(
@@ -106,20 +96,18 @@ def improved(
     while True:
         plain = linearise_all(problem, f)
         here = f.deviance + price(problem, given, f.processes)
-        tried = [_tried(problem, f, plain, given, (*f.processes, *more)) for more in families(problem, f, plain, hints)]
-        best = min(tried, key=lambda t: t.cost, default=None)
-        if best is None or best.cost > here:
+        tried = [_tried(problem, f, plain, (*f.processes, *more)) for more in families(problem, f, plain, hints)]
+        best = min(tried, key=lambda s: _cost(problem, given, s), default=None)
+        if best is None or _cost(problem, given, best) > here:
             return f
-        best = _lean(problem, f, plain, given, best)
-        s = best.settled
+        s = _lean(problem, f, plain, given, best)
         new = fit(problem, f.structure, replace(f.point, power=s.power, processes=s.processes), REFIT_STEPS)
         new = timed(problem, new)
-        had = {(p.kind, p.on) for p in f.processes}
-        if new.deviance + price(problem, given, new.processes) > here or {(p.kind, p.on) for p in new.processes} == had:
+        dearer = new.deviance + price(problem, given, new.processes) > here
+        if dearer or {(p.kind, p.on) for p in new.processes} == {(p.kind, p.on) for p in f.processes}:
             return f
-        tell(
-            "beside the model: " + ", ".join(f"{p.kind} {p.on}".strip() for p in new.processes if p not in f.processes)
-        )
+        added = (f"{p.kind} {p.on}".strip() for p in new.processes if p not in f.processes)
+        tell("beside the model: " + ", ".join(added))
         f = new
 
 
@@ -171,7 +159,7 @@ def families(
     memory = {h.channel: h.size["correlation_time"] for h in hints if h.kind == COLOURED}
     rounded = {h.channel for h in hints if h.kind == ROUNDED and h.channel}
     white = tuple(Process(WHITE, c) for c in problem.channels if (WHITE, c) not in have and c not in rounded)
-    here = settle(problem, f.structure, plain, f.point, 1)
+    here = maximise_evidence(problem, f.structure, plain, f.point, 1)
     whitened = [np.where(s.scored, w, np.nan) for s, w in zip(here.systems, here.evidence.whitened, strict=True)]
     suspects = remembering(problem, whitened) | set(memory)
     hums = humming(problem, whitened) | {h.channel: 1.0 / h.size["frequency"] for h in hints if h.kind == HUM}
@@ -182,22 +170,13 @@ def families(
     )
     jitter = (Process(JITTER, size=0.1 * spacing, most=MOST_JITTER * spacing),) if (JITTER, "") not in have else ()
     hum = tuple(Process(HUM, c, 1.0, t) for c, t in hums.items() if c in problem.channels and (HUM, c) not in have)
-    free = (
-        [n for n in f.structure.free if "." not in n and (RUN_TO_RUN, n) not in have]
-        if len(problem.runs) >= FEWEST_RUNS
-        else []
-    )
     own = tuple(p for p in white if p.on in suspects)
     odd = [] if rounded else uneven(problem, whitened)  # the noise of rounded readings is their step
     noisy = tuple(Process(NOISY_RUN, n) for n in odd if (NOISY_RUN, n) not in have)
-    found = [
-        white,
-        noisy,
-        coloured + own if coloured else (),
-        jitter,
-        hum,
-        *((Process(RUN_TO_RUN, n, 0.05),) for n in free),
-    ]
+    found = [white, noisy, coloured + own if coloured else (), jitter, hum]
+    if len(problem.runs) >= FEWEST_RUNS:
+        free = [n for n in f.structure.free if "." not in n and (RUN_TO_RUN, n) not in have]
+        found += [(Process(RUN_TO_RUN, n, 0.05),) for n in free]
     return [one for one in found if one]
 
 
@@ -217,34 +196,45 @@ def quieter(problem: Problem, f: Fit, given: Sequence[str], plain: Sequence[Line
     found = [f]
     for out in left_out:
         fewer = tuple(p for p in f.processes if p.kind not in out or not optional(p, given))
-        s = settle(problem, f.structure, plain, Point(f.theta, f.paths, power, fewer), PASSES)
+        s = _settled(problem, f, plain, power, fewer)
         found.append(replace(f, power=s.power, processes=s.processes, deviance=s.evidence.deviance))
     return found
 
 
-def _tried(
-    problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], processes: Sequence[Process]
-) -> Tried:
+def _settled(
+    problem: Problem, f: Fit, plain: Sequence[LinearRun], power: np.ndarray, processes: Sequence[Process], passes=PASSES
+) -> MostLikely:
+    """Processes and the disturbances beside them as they are likeliest along a fit's trajectories."""
+    return maximise_evidence(problem, f.structure, plain, Point(f.theta, f.paths, power, tuple(processes)), passes)
+
+
+def _cost(problem: Problem, given: Sequence[str], s: MostLikely) -> float:
+    """The deviance with what the processes cost by chance."""
+    return s.evidence.deviance + price(problem, given, s.processes)
+
+
+def _refitted(problem: Problem, f: Fit, **changes: object) -> Fit:
+    """A fit from its own point with another power or other processes; as it was where that is lost."""
+    new = fit(problem, f.structure, replace(f.point, **changes), REFIT_STEPS)
+    return f if new.lost else new
+
+
+def _tried(problem: Problem, f: Fit, plain: Sequence[LinearRun], processes: Sequence[Process]) -> MostLikely:
     """Processes settled, the better of `STARTS`; those of which nothing is left are dropped."""
     starts = STARTS if processes[-1].kind == RUN_TO_RUN else STARTS[:1]
-    settled = [
-        settle(problem, f.structure, plain, Point(f.theta, f.paths, share * f.power, tuple(processes)), PASSES)
-        for share in starts
-    ]
+    settled = [_settled(problem, f, plain, share * f.power, processes) for share in starts]
     best = min(settled, key=lambda s: s.evidence.deviance)
-    best = replace(best, processes=tuple(p for p in best.processes if not p.gone or p.kind == WHITE))
-    return Tried(best, best.evidence.deviance + price(problem, given, best.processes))
+    return replace(best, processes=tuple(p for p in best.processes if not p.gone or p.kind == WHITE))
 
 
-def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], tried: Tried) -> Tried:
-    """Without each process that does not pay for itself."""
-    for p in tried.settled.processes:
+def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[str], tried: MostLikely) -> MostLikely:
+    """Without each process beside the fit's own that does not pay for itself."""
+    for p in tried.processes:
         if p in f.processes or not optional(p, given):
             continue
-        fewer = tuple(q for q in tried.settled.processes if (q.kind, q.on) != (p.kind, p.on))
-        s = settle(problem, f.structure, plain, Point(f.theta, f.paths, tried.settled.power, fewer), PASSES)
-        without = Tried(s, s.evidence.deviance + price(problem, given, s.processes))
-        if without.cost < tried.cost:
+        fewer = tuple(q for q in tried.processes if (q.kind, q.on) != (p.kind, p.on))
+        without = _settled(problem, f, plain, tried.power, fewer)
+        if _cost(problem, given, without) < _cost(problem, given, tried):
             tried = without
     return tried
 
@@ -252,16 +242,12 @@ def _lean(problem: Problem, f: Fit, plain: Sequence[LinearRun], given: Sequence[
 def lean(problem: Problem, f: Fit, given: Sequence[str]) -> Fit:
     """A fit without the processes that no longer pay."""
     plain = linearise_all(problem, f)
-    here = settle(problem, f.structure, plain, f.point, 1)
-    best = _lean(
-        problem, replace(f, processes=()), plain, given, Tried(here, f.deviance + price(problem, given, f.processes))
-    )
-    if len(best.settled.processes) == len(f.processes):
+    here = maximise_evidence(problem, f.structure, plain, f.point, 1)
+    here = replace(here, evidence=replace(here.evidence, deviance=f.deviance))  # with what its trajectories miss
+    best = _lean(problem, replace(f, processes=()), plain, given, here)
+    if len(best.processes) == len(f.processes):
         return f
-    new = fit(
-        problem, f.structure, replace(f.point, power=best.settled.power, processes=best.settled.processes), REFIT_STEPS
-    )
-    return f if new.lost else new
+    return _refitted(problem, f, power=best.power, processes=best.processes)
 
 
 def dithered(problem: Problem, f: Fit) -> Fit:
@@ -277,10 +263,7 @@ def dithered(problem: Problem, f: Fit) -> Fit:
     processes = tuple(
         min((replace(p, size=size) for size in DITHERS), key=left) if p.kind == ROUNDED else p for p in f.processes
     )
-    if processes == f.processes:
-        return f
-    new = fit(problem, f.structure, replace(f.point, processes=processes), REFIT_STEPS)
-    return f if new.lost else new
+    return f if processes == f.processes else _refitted(problem, f, processes=processes)
 
 
 def timed(problem: Problem, f: Fit) -> Fit:
@@ -289,7 +272,7 @@ def timed(problem: Problem, f: Fit) -> Fit:
         processes = f.processes if f.lost else _likeliest_times(problem, f)
         if processes == f.processes:
             break
-        new = fit(problem, f.structure, replace(f.point, processes=processes), REFIT_STEPS)
+        new = _refitted(problem, f, processes=processes)
         if not new.deviance < f.deviance - TOLERANCE:
             break
         f = new
@@ -337,4 +320,4 @@ def _stepped(
 
 
 def _deviance(problem: Problem, f: Fit, plain: Sequence[LinearRun], processes: Sequence[Process]) -> float:
-    return settle(problem, f.structure, plain, Point(f.theta, f.paths, f.power, tuple(processes)), 1).evidence.deviance
+    return _settled(problem, f, plain, f.power, processes, passes=1).evidence.deviance

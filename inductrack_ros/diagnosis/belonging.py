@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..checks import SET_ASIDE, WARNING, Finding
-from ..estimation.likelihood import settle
+from ..estimation.likelihood import maximise_evidence
 from ..estimation.processes import RUN_TO_RUN, Process
 from ..estimation.shooting import linearise_all
 from . import background
@@ -35,7 +35,7 @@ def odd_by(task: Task, state: State, p: Process) -> Finding | None:
     plain = linearise_all(part, point, f.structure)
     fewer = replace(point, processes=tuple(q for q in point.processes if q != p))
     with_it, without = (
-        settle(part, f.structure, plain, x, background.PASSES).evidence.deviance for x in (point, fewer)
+        maximise_evidence(part, f.structure, plain, x, background.PASSES).evidence.deviance for x in (point, fewer)
     )
     if without - with_it >= background.price(part, task.given, (p,)):
         return None

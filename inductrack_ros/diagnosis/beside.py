@@ -9,30 +9,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from ..core.effects.stand_in import over
-from ..estimation.kalman import Columns, LinearRun
-from ..estimation.linear import acting, force_columns, histories
-from ..estimation.problem import Problem
+from ..estimation.kalman import LinearRun
 from ..estimation.scores import Background, Level, Scores, pushed_by, scores
-from ..estimation.shooting import Fit, linearise_all
+from ..estimation.shooting import all_histories, linearise_all
 from . import background
+from .candidates import Candidate, sought
 from .moves import State, Task, grown, law_price, shaken, smoothed_anew, with_effects, with_law
 from .screening import (
     FINE_SHARES,
     Asked,
-    Candidate,
     CandidateSet,
     Law,
     acted_on,
     asked_over,
+    columns_of,
     sizes_of,
-    sought,
     spans_of,
+    tables_over,
 )
 from .settings import FORCES_REFITTED, MOST_EFFECTS
-from .smooth import smoothest_of
 
 
 @dataclass(frozen=True)
@@ -66,36 +61,20 @@ def promises(task: Task, state: State, systems: Sequence[LinearRun], lacking: Se
     """What each known effect and the table that suits it best promise together; the best first."""
     problem, f = task.problem, state.fit
     candidates, parts = sought(problem, f, systems, wavy=True)
-    runs = [histories(d, path) for d, path in zip(problem.runs, f.paths, strict=True)]
-    tables = tables_of(runs, [on for on in acted_on(problem, f) if pushed_by(on) in lacking])
+    spans = spans_of(all_histories(problem, f))
+    tables = {
+        f"table {on} {t.variable}": (on, t)
+        for on in acted_on(problem, f)
+        if pushed_by(on) in lacking
+        for t in tables_over(asked_over(on, spans), lambda v: sizes_of(v, True)[:1])
+    }
+    of_tables = {
+        n: problem.for_runs(lambda i, on=on, t=t: columns_of(problem, f, i, on, [t])) for n, (on, t) in tables.items()
+    }
     price = background.price(problem, task.given, f.processes)
-    found = scores(
-        problem, f, parts | {n: _columns(problem, f, runs, *t) for n, t in tables.items()}, systems,
-        [Background(f.power, f.processes, price)], FINE_SHARES,
-    )  # fmt: skip
+    found = scores(problem, f, parts | of_tables, systems, [Background(f.power, f.processes, price)], FINE_SHARES)
     of_each = [_best(found, one, tables, problem.samples, len(candidates)) for one in candidates.values()]
     return sorted(of_each, key=lambda p: -p.gain)
-
-
-def tables_of(runs: Sequence[Mapping[str, np.ndarray]], on_each: Sequence[str]) -> dict[str, tuple[str, Asked]]:
-    """The coordinate and the table of each force that is asked for over the variables' histories in all runs, by a name
-    of their own."""
-    spans = spans_of(runs)
-    return {
-        f"table {on} {v}": (on, Asked(v, *over(*span, sizes_of(v, True)[0])))
-        for on in on_each
-        for v, span in asked_over(on, spans).items()
-    }
-
-
-def _columns(
-    problem: Problem, fit: Fit, runs: Sequence[Mapping[str, np.ndarray]], on: str, asked: Asked
-) -> list[Columns]:
-    def one(i: int) -> Columns:
-        forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], on, asked.entries(runs[i]))
-        return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
-
-    return problem.for_runs(one)
 
 
 def _best(found: Scores, one: Candidate, tables: Mapping[str, tuple[str, Asked]], samples: int, family: int) -> Promise:
@@ -103,12 +82,11 @@ def _best(found: Scores, one: Candidate, tables: Mapping[str, tuple[str, Asked]]
 
     def at(level: Level, name: str) -> Promise:
         beside, (on, asked) = found.beside(level, one.label, name), tables[name]
-        table = smoothest_of(beside.gram, beside.score, samples, asked.swings)
+        table = asked.smoothest(beside.gram, beside.score, samples)
         size = beside.size - beside.moves @ table.values
         gain = found.plain - beside.deviance + table.promise
         known = CandidateSet((one,), beside.deviance, beside.deviance, {one.label: size}, level.background)
-        law = Law(on, asked.variable, asked.start, asked.step, table, gain, level.power)
-        return Promise(known, law, gain - law_price() - one.price(family))
+        return Promise(known, asked.law(on, table, gain, level.power), gain - law_price() - one.price(family))
 
     every = ((level, n) for n, (on, _) in tables.items() for level in found.levels if level.suits(pushed_by(on)))
     return max((at(level, name) for level, name in every), key=lambda p: p.gain)
@@ -119,4 +97,4 @@ def _refitted(task: Task, state: State, p: Promise, family: int) -> State:
     structure, point = with_effects(task.problem, state.fit, p.one)
     there = replace(state.fit, structure=structure, theta=point.theta, paths=point.paths, power=p.law.power)
     new = smoothed_anew(task, with_law(task, grown(state, p.one, family, there), p.law))
-    return new.told(f"{p.one.members[0].name} and a force in {p.law.acts_on} on {p.law.variable} together")
+    return new.told(f"{p.one.title} and a force in {p.law.acts_on} on {p.law.variable} together")

@@ -23,9 +23,8 @@ from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import answer, background, errors, support
 from .belonging import odd_run
-from .experiment import propose
+from .experiment import look_closer, propose
 from .findings import SHAKEN, findings, hidden_by
-from .known import uncertainty_of
 from .laws.propose import propose_laws
 from .moves import State, Task, last_screened
 from .result import INTERRUPTED, OUT_OF_TIME, Diagnosis, Proposal, Unknown
@@ -72,11 +71,11 @@ def diagnose(
         campaign, seen, log = set_aside(campaign, [odd]), (*seen, odd), (*state.log, odd.text)
     notes += support.undetermined(undetermined, base)
     notes += [STOPPED[state.stopped]] if state.stopped else []
-    return diagnosis_of(campaign, task, state, base, undetermined, notes, began)
+    return diagnosis_of(campaign, task, state, base, undetermined, notes)
 
 
 def diagnosis_of(
-    campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str], began: float
+    campaign: Campaign, task: Task, state: State, base: Fit, undetermined: Sequence[str], notes: list[str]
 ) -> Diagnosis:
     """The diagnosis that the end of a search is."""
     state = last_screened(task, state)
@@ -123,9 +122,8 @@ def diagnosis_of(
         p_value=p_value,
         traces=errors.traces_of(problem, fits | answer.with_laws(state, laws)),
         proposal=proposal,
-        seconds=time.monotonic() - began,
         log=state.log,
-        uncertainty=uncertainty_of(f),
+        uncertainty=f.uncertainty,
         laws=laws,
     )
 
@@ -138,9 +136,11 @@ def what_next(
         note = "what follows a search was left out: laws, the next experiment, sets of effects not on its way"
         return None, None, [note]
     if state.twins or verdict == "unknown_effect":
+        if not state.rivals:
+            return look_closer(unknown) if unknown else None, None, []
         task.tell("which run would settle what is open")
         each = task.workers.map
-        return *propose(task.problem, each, state.fit, state.rival_fits, state.twins, unknown, undetermined), []
+        return *propose(task.problem, each, state.fit, state.rival_fits, state.twins, undetermined), []
     return sharpened(campaign.sharpen, task, state.fit) if campaign.sharpen else (None, None, [])
 
 

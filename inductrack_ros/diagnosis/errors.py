@@ -10,11 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.state import INDEX
-from ..estimation.likelihood import Point, settle
-from ..estimation.linear import outputs_of
+from ..estimation.likelihood import Point, maximise_evidence
 from ..estimation.problem import Problem, RunData
-from ..estimation.processes import RUN_TO_RUN, STATES
-from ..estimation.shooting import Fit, fit, linearise_all
+from ..estimation.processes import RUN_TO_RUN
+from ..estimation.shooting import Fit, fit, linearise_all, outputs_of
 from ..estimation.structure import Structure
 from .result import RunTraces, Step
 from .settings import REFIT_STEPS
@@ -39,14 +38,14 @@ def own_thetas(problem: Problem, f: Fit) -> list[np.ndarray]:
     """Theta (g,) of every run: the fit's, and what differs from run to run beside it."""
     if not any(p.kind == RUN_TO_RUN for p in f.processes):
         return [f.theta] * len(problem.runs)
-    settled = settle(problem, f.structure, linearise_all(problem, f), f.point, 1)
+    settled = maximise_evidence(problem, f.structure, linearise_all(problem, f), f.point, 1)
     found = []
     for smooth in settled.smooth:
         theta, at = f.theta.copy(), len(f.model.active_states)
         for p in f.processes:
             if p.kind == RUN_TO_RUN:
                 theta[f.structure.free.index(p.on)] += smooth.deviations[0, at]
-            at += STATES[p.kind]
+            at += p.states
         found.append(theta)
     return found
 

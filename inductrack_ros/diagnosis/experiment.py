@@ -23,7 +23,7 @@ from ..core.state import GAPS, INDEX, MOTION, STATES
 from ..data.limits import Limits
 from ..data.measurement import Run
 from ..estimation import columns, shooting
-from ..estimation.likelihood import Lost, Point, weigh
+from ..estimation.likelihood import Lost, Point, evidence_of
 from ..estimation.problem import Problem, lay_out
 from ..estimation.processes import IMPACT
 from ..estimation.shooting import Fit
@@ -67,15 +67,12 @@ def propose(
     chosen: Fit,
     rivals: Mapping[str, Fit],
     twins: Mapping[str, tuple[str, ...]],
-    unknown: Unknown | None,
     undetermined: Sequence[str],
 ) -> tuple[str | None, Proposal | None]:
-    """The next run in words, and in numbers where it is one of the menu; None where none helps.
+    """The next run of the menu that sets the rivals apart, in words and in numbers; None where none helps.
 
     ``undetermined`` parameters, which the runs so far say nothing about, would be free to fit the next one.
     """
-    if not rivals:
-        return (None if unknown is None else _look_closer(unknown)), None
 
     def apart(run: MenuRun, separation: Callable) -> Proposal | None:
         if (made := made_run(problem, chosen.model, run)) is None:
@@ -132,8 +129,7 @@ def pair(
 
     def apart(both: tuple[MenuRun, MenuRun], separation: Callable) -> Proposal:
         found = [made for run in both if (made := made_run(problem, chosen.model, run)) is not None]
-        joint = problem.subset([0])
-        joint.runs, joint.variances = tuple(single.runs[0] for single in found), ()
+        joint = problem.with_changes(runs=tuple(single.runs[0] for single in found), variances=())
         sigmas = {n: separation(joint, chosen, f, undetermined) for n, f in rivals.items()}
         return replace(both[0].proposal(sigmas), second=both[1].proposal({}))
 
@@ -173,15 +169,12 @@ def made_run(problem: Problem, model: Model, planned: MenuRun) -> Problem | None
         return None
     if not all(problem.limits.allow(s, made[s]) for s in STATES):
         return None
-    single = problem.subset([0])
-    single.variances = ()
     # As in the runs so far.
     given = {s: float(start[i]) for i, s in enumerate(STATES) if all(s in d.run.initial_state for d in problem.runs)}
     run = Run("proposal", Path("proposal"), problem.channels, times, values, times, current, given, pulses)
-    single.runs = (lay_out(run, model, problem.channels, problem.dof),)
-    exact = start[:8].copy()
-    single.runs = (replace(single.runs[0], y=_read(single, model, exact), guess=exact),)
-    return single
+    data, exact = lay_out(run, model, problem.channels, problem.dof), start[:8].copy()
+    single = problem.with_changes(runs=(data,), variances=())
+    return single.with_changes(runs=(replace(data, y=_read(single, model, exact), guess=exact),))
 
 
 def _separation(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str]) -> float:
@@ -201,18 +194,17 @@ def _expected(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str
 def _begun(made: Problem, chosen: Fit, rival: Fit, undetermined: Sequence[str]) -> tuple[Structure, Point]:
     """The rival with what is known of its parameters, and the runs' trajectories as the chosen model flies them."""
     prior = rival.structure.knowing(rival.theta, rival.covariance, undetermined)
-    paths = [shooting.flown(made, chosen.structure, i, chosen.theta, d.guess) for i, d in enumerate(made.runs)]
-    if prior.model.carries_states:
-        paths = [columns.carried(made, prior, i, path) for i, path in enumerate(paths)]
+    flown = [shooting.flown(made, chosen.structure, i, chosen.theta, d.guess) for i, d in enumerate(made.runs)]
+    paths = columns.all_carried(made, prior, flown) if prior.model.carries_states else tuple(flown)
     touch = tuple(p for p in chosen.processes if p.kind == IMPACT)
-    return prior, Point(prior.centre, tuple(paths), np.zeros(4), touch)
+    return prior, Point(prior.centre, paths, np.zeros(4), touch)
 
 
 def _left(made: Problem, structure: Structure, point: Point) -> float:
     """√χ² of the readings and of what is known of theta, to first order about a point, where nothing shakes the
     cradle."""
     try:
-        found = weigh(made, structure, shooting.linearise_all(made, point, structure), point.theta, np.zeros(4))
+        found = evidence_of(made, structure, shooting.linearise_all(made, point, structure), point.theta, np.zeros(4))
     except Lost:
         return np.inf
     return float(np.sqrt(found.chi2 + structure.surprise(point.theta + found.step)))
@@ -235,7 +227,8 @@ def _other_means(twins: Mapping[str, tuple[str, ...]]) -> str:
     return "Measure a further channel, or the suspected quantity itself."
 
 
-def _look_closer(unknown: Unknown) -> str:
+def look_closer(unknown: Unknown) -> str:
+    """The runs that would tell more of a force of any shape, in words."""
     variable = unknown.depends_on[0] if unknown.depends_on else "time"
     where = ""
     if unknown.at.size:

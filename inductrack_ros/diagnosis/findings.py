@@ -32,66 +32,51 @@ def findings(task: Task, state: State) -> tuple[Finding, ...]:
 
 
 def _of_process(task: Task, state: State, p: Process) -> Finding | None:
-    problem = task.problem
-    sigma = problem.sigma[problem.channels.index(p.on)] if p.on in problem.channels else 1.0
-    if (
-        p.kind == WHITE
-        and p.on in task.given
-        and abs(_whole(state, p.on) - 1.0) > WORTH_SAYING
-        and (COLOURED, p.on) not in _kinds(state)
-    ):
-        ratio = _whole(state, p.on)
-        return Finding(
-            WHITE,
-            WARNING,
-            f"the noise of {p.on} is {number(ratio)} times the stated noise_std",
-            "correct noise_std",
-            p.on,
-            size={"ratio": ratio},
-        )
+    """The finding that a process is; None of noise that is as stated or was not, of contact and of rounding."""
+    channels = task.problem.channels
+    std = float(p.size * task.problem.sigma[channels.index(p.on)]) if p.on in channels else p.size
+    if p.kind == WHITE:
+        return _of_stated_noise(state, p.on) if p.on in task.given else None
     if p.kind == NOISY_RUN:
         text = f"the noise of {p.on} is {number(p.size)} times that of the other runs, in all channels"
         return Finding(WHITE, WARNING, text, "look what was different in that run", run=p.on, size={"ratio": p.size})
     if p.kind == COLOURED:
         text = (
-            f"the noise of {p.on} is coloured: it forgets itself in {number(1e3 * p.time)} ms,"
-            f" {quantity(p.on, p.size * sigma)} of it (standard deviation)"
+            f"the noise of {p.on} is coloured: it forgets itself in {number(1e3 * p.time)} ms, {quantity(p.on, std)}"
+            " of it (standard deviation)"
         )
-        return Finding(
-            COLOURED, NOTE, text, channel=p.on, size={"correlation_time": float(p.time), "std": float(p.size * sigma)}
-        )
+        return Finding(COLOURED, NOTE, text, channel=p.on, size={"correlation_time": float(p.time), "std": std})
     if p.kind == HUM:
-        text = f"{p.on} hums at {number(1.0 / p.time, 4)} Hz, amplitude {quantity(p.on, p.size * sigma)}"
-        return Finding(
-            HUM, NOTE, text, channel=p.on, size={"frequency": float(1.0 / p.time), "amplitude": float(p.size * sigma)}
-        )
+        text = f"{p.on} hums at {number(1.0 / p.time, 4)} Hz, amplitude {quantity(p.on, std)}"
+        return Finding(HUM, NOTE, text, channel=p.on, size={"frequency": float(1.0 / p.time), "amplitude": std})
     if p.kind == JITTER:
         text = (
             f"the stamps are off by {number(1e3 * p.size)} ms from sample to sample (standard deviation), in all"
             " channels at once"
         )
         return Finding(JITTER, NOTE, text, size={"std": float(p.size)})
-    if p.kind == RUN_TO_RUN and (odd := odd_by(task, state, p)):
-        return odd
     if p.kind == RUN_TO_RUN:
-        share = _relative(state, p)
-        text = (
-            f"{p.on} differs from run to run by {number(100 * share)} % (standard deviation): the rig, or what the log"
-            " says of it, is not the same in every run"
-        )
-        return Finding(RUN_TO_RUN, NOTE, text, size={"parameter": p.on, "relative_std": share})
+        return odd_by(task, state, p) or _of_difference(state, p)
     return None
 
 
-def _kinds(state: State) -> set[tuple[str, str]]:
-    return {(p.kind, p.on) for p in state.fit.processes}
+def _of_stated_noise(state: State, channel: str) -> Finding | None:
+    """The finding that a channel's noise is of another size than stated; none where it is coloured, which says so."""
+    sizes = {p.kind: p.size for p in state.fit.processes if p.on == channel and p.kind in (WHITE, COLOURED)}
+    ratio = sizes[WHITE]
+    if COLOURED in sizes or not abs(ratio - 1.0) > WORTH_SAYING:
+        return None
+    text = f"the noise of {channel} is {number(ratio)} times the stated noise_std"
+    return Finding(WHITE, WARNING, text, "correct noise_std", channel, size={"ratio": ratio})
 
 
-def _whole(state: State, channel: str) -> float:
-    """All noise of a channel over what it was taken for."""
-    return float(
-        np.sqrt(sum(p.size**2 for p in state.fit.processes if p.on == channel and p.kind in (WHITE, COLOURED)))
+def _of_difference(state: State, p: Process) -> Finding:
+    share = _relative(state, p)
+    text = (
+        f"{p.on} differs from run to run by {number(100 * share)} % (standard deviation): the rig, or what the log"
+        " says of it, is not the same in every run"
     )
+    return Finding(RUN_TO_RUN, NOTE, text, size={"parameter": p.on, "relative_std": share})
 
 
 def _relative(state: State, p: Process) -> float:

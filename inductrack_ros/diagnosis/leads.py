@@ -14,7 +14,6 @@ from ..estimation import fit as end_to_end
 from ..estimation.likelihood import Point
 from ..estimation.problem import Problem
 from ..estimation.shooting import fit
-from ..estimation.structure import Structure
 from .moves import State, Task, fitted_end_to_end, grown, screened, with_effects
 from .screening import CandidateSet
 from .settings import LEAD, REFIT_STEPS, TWINS
@@ -27,12 +26,12 @@ def best_lead(task: Task, state: State, rival: State | None = None) -> State | N
 
     Each parameter costs what it does by Schwarz's criterion, the size of the error being unknown: log(n), against
     n log(error). Errors of a wrong model last, so n counts those that are independent."""
-    against = _flown(task, rival.fit.structure, rival.fit.point) if rival else None
+    against = fitted_end_to_end(task, rival.fit.structure, rival.fit.point) if rival else None
     if against and against.leaves_noise:
         return None
     screening = screened(task, state)
     state = replace(state, rounds=(*state.rounds, (state.added, screening)))
-    plain = _flown(task, state.fit.structure, state.fit.point)
+    plain = fitted_end_to_end(task, state.fit.structure, state.fit.point)
     independent = _independent(task.problem, plain)
     error = _left(task.problem, plain)
 
@@ -44,7 +43,7 @@ def best_lead(task: Task, state: State, rival: State | None = None) -> State | N
     for f in sorted((f for f in tried if cost(f.fit) < most - TWINS), key=lambda f: cost(f.fit)):
         new = fit(task.problem, f.fit.structure, replace(f.point, theta=f.fit.theta), REFIT_STEPS)
         if not new.lost:
-            line = f"{f.one.members[0].name}: open-loop χ² per sample {error:.3g} -> {f.left:.3g}"
+            line = f"{f.one.title}: open-loop χ² per sample {error:.3g} -> {f.left:.3g}"
             found = grown(state, f.one, screening.family, new).told(line)
             return replace(found, far=not f.fit.leaves_noise)
     return None
@@ -62,14 +61,10 @@ class Flown:
 
 
 def _with(task: Task, state: State, one: CandidateSet) -> Flown:
-    task.say(f"{one.members[0].name}, flown from the start")
+    task.say(f"{one.title}, flown from the start")
     structure, point = with_effects(task.problem, state.fit, one)
-    found = _flown(task, structure, point)
+    found = fitted_end_to_end(task, structure, point)
     return Flown(one, point, found, _left(task.problem, found))
-
-
-def _flown(task: Task, structure: Structure, point: Point) -> end_to_end.Fit:
-    return fitted_end_to_end(task, structure, point, range(len(task.problem.runs)))
 
 
 def _left(problem: Problem, found: end_to_end.Fit) -> float:

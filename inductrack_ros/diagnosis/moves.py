@@ -10,19 +10,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..checks import Finding
-from ..core.effects.stand_in import VARIABLES, parameters
+from ..core.effects.stand_in import ACTS_ON, VARIABLES, parameters
 from ..core.state import COORDINATES
 from ..estimation import columns
 from ..estimation import fit as end_to_end
 from ..estimation.kalman import LinearRun
-from ..estimation.likelihood import NO_POWER, Point, weigh
+from ..estimation.likelihood import NO_POWER, Point, evidence_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
 from ..estimation.shooting import ANEW, FLOWN_STEPS, Fit, exactly, first_power, fit, linearise_all
 from ..estimation.structure import Structure
 from ..workers import Cluster, Threads
 from . import background, placed, unheard
-from .screening import Candidate, CandidateSet, Law, Screening, names, screen, table_of
+from .candidates import Candidate, names
+from .screening import CandidateSet, Law, Screening, screen, table_of
 from .settings import LEVEL, LOOK_STEPS, NEAR, REFIT_STEPS, REFITTED, SHAKEN, TWINS
 
 
@@ -102,11 +103,11 @@ def shaken(task: Task, state: State, systems: Sequence[LinearRun] | None = None)
     problem, f = task.problem, state.fit
     systems = systems or linearise_all(problem, f)
     full = problem.for_runs(lambda i: augmented(problem, f.structure, i, systems[i], f.processes))
-    here = weigh(problem, f.structure, full, f.theta, f.power).deviance
+    here = evidence_of(problem, f.structure, full, f.theta, f.power).deviance
     found = []
     for c, name in enumerate(COORDINATES):
         if f.power[c] > NO_POWER:
-            still = weigh(problem, f.structure, full, f.theta, np.where(np.arange(4) == c, 0.0, f.power)).deviance
+            still = evidence_of(problem, f.structure, full, f.theta, np.where(np.arange(4) == c, 0.0, f.power)).deviance
             if still > here + SHAKEN:
                 found.append(name)
     return found
@@ -137,22 +138,17 @@ def last_screened(task: Task, state: State) -> State:
 def law_price() -> float:
     """Twice the log evidence by which a force of any shape wrongly stands out in `LEVEL` of campaigns, at the most (a
     Bayes factor, laws counted)."""
-    return 2.0 * float(np.log(len(VARIABLES) * 5 / LEVEL))
+    return 2.0 * float(np.log(len(VARIABLES) * len(ACTS_ON) / LEVEL))
 
 
 def refitted(task: Task, state: State, found: CandidateSet, family: int, steps: int = LOOK_STEPS) -> State:
     """The state with a set of known effects, beside the background that suits it, after a few steps."""
-    task.say(" + ".join([*state.added, *(m.name for m in found.members)]))
+    task.say(" + ".join([*state.added, *found.names]))
     structure, point = with_effects(task.problem, state.fit, found)
-    new = fit(
-        task.problem,
-        structure,
-        replace(point, power=found.background.power, processes=found.background.processes),
-        steps,
-    )
-    labels = " + ".join(m.name for m in found.members)
+    beside = found.background
+    new = fit(task.problem, structure, replace(point, power=beside.power, processes=beside.processes), steps)
     return grown(state, found, family, new).told(
-        f"{labels}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})"
+        f"{found.title}: deviance {state.fit.deviance:.0f} -> {new.deviance:.0f} (expected {found.deviance:.0f})"
     )
 
 
@@ -168,14 +164,13 @@ def with_effects(problem: Problem, f: Fit, found: CandidateSet) -> tuple[Structu
         step = _first_step(structure, member, found.sizes[member.label], len(begin))
         theta = np.clip(np.concatenate([theta, begin + step]), *structure.bounds)
         if not f.model.carries_states and structure.model.carries_states:
-            paths = tuple(problem.for_runs(lambda i, s=structure, p=paths: columns.carried(problem, s, i, p[i])))
+            paths = columns.all_carried(problem, structure, paths)
     return structure, replace(f.point, theta=theta, paths=paths)
 
 
 def grown(state: State, found: CandidateSet, family: int, new: Fit) -> State:
     """The state with a set of known effects, as fitted, and what it costs by chance."""
-    price = state.price + sum(m.price(family) for m in found.members)
-    return replace(state, fit=new, added=(*state.added, *(m.name for m in found.members)), price=price)
+    return replace(state, fit=new, added=(*state.added, *found.names), price=state.price + found.price(family))
 
 
 @dataclass(frozen=True)
@@ -199,7 +194,7 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
     flown: list[_Flown] = []
     asked: tuple[int, float] | None = None  # a run, and the largest χ² there of a set that is still in question
     for s in sets if state.fit.exact or touches(state.fit) else ():
-        task.say(" + ".join([*state.added, *(m.name for m in s.members)]) + ", contact taken exactly")
+        task.say(" + ".join([*state.added, *s.names]) + ", contact taken exactly")
         structure, point = with_effects(task.problem, state.fit, s)
         if asked and fitted_end_to_end(task, structure, point, asked[:1]).chi2 > asked[1]:
             continue
@@ -208,16 +203,15 @@ def exact_ones(task: Task, state: State, sets: Sequence[CandidateSet], family: i
             hardest = int(np.argmax(whole.of_runs - [len(part.residual) for part in whole.linear]))
             asked = hardest, _most_left(task, hardest)
             continue
-        flown.append(_Flown(whole.chi2 + sum(m.price(family) for m in s.members), s, structure, point, whole))
+        flown.append(_Flown(whole.chi2 + s.price(family), s, structure, point, whole))
         flown.sort(key=lambda f: f.cost)
         asked = _told_apart([f.fit for f in flown]) or asked
     found = dict[tuple[str, ...], State]()  # of one effect from several starts the cheapest
     for f in flown:
-        names = tuple(m.name for m in f.found.members)
-        if f.cost < flown[0].cost + NEAR and names not in found:
+        if f.cost < flown[0].cost + NEAR and f.found.names not in found:
             new = exactly(task.problem, f.structure, f.point, REFIT_STEPS, f.fit)
-            found[names] = grown(state, f.found, family, new).told(
-                f"{' + '.join(names)}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
+            found[f.found.names] = grown(state, f.found, family, new).told(
+                f"{f.found.title}: leaves noise with contact taken exactly; deviance {new.deviance:.0f}"
             )
     return sorted(found.values(), key=lambda x: x.cost(task))
 
@@ -232,20 +226,21 @@ def _told_apart(flown: Sequence[end_to_end.Fit]) -> tuple[int, float] | None:
 
 
 def fitted_end_to_end(
-    task: Task, structure: Structure, point: Point, runs: Sequence[int], settle: bool = False
+    task: Task, structure: Structure, point: Point, runs: Sequence[int] | None = None, settle: bool = False
 ) -> end_to_end.Fit:
-    """Some runs fitted from end to end, with contact taken exactly, from a point nearby; ``settle``: each run's initial
-    state anew where a joint step falls short."""
+    """Runs (all, unless said) fitted from end to end, with contact taken exactly, from a point nearby; ``settle``: each
+    run's initial state anew where a joint step falls short."""
     problem = task.problem
+    runs = range(len(problem.runs)) if runs is None else runs
     found = {p.on: p.size for p in point.processes if p.kind == background.WHITE and p.on not in task.given}
-    scaled = problem.subset(runs).with_sigma(problem.sigma * [found.get(c, 1.0) for c in problem.channels])
+    part = problem.subset(runs).with_changes(sigma=problem.sigma * [found.get(c, 1.0) for c in problem.channels])
     states = [point.paths[i][0, :8] for i in runs]
-    return end_to_end.fit(scaled, structure, states, point.theta, FLOWN_STEPS, settle=settle)
+    return end_to_end.fit(part, structure, states, point.theta, FLOWN_STEPS, settle=settle)
 
 
 def _flown_exactly(task: Task, structure: Structure, point: Point) -> end_to_end.Fit:
     """All runs fitted from end to end. Past a contact the valleys are so curved that joint steps alone creep."""
-    return fitted_end_to_end(task, structure, point, range(len(task.problem.runs)), settle=True)
+    return fitted_end_to_end(task, structure, point, settle=True)
 
 
 def _most_left(task: Task, run: int) -> float:
@@ -260,17 +255,11 @@ def touches(f: Fit) -> bool:
     return not f.exact and any(t.any() for t in f.touching)
 
 
-def _exact(task: Task, structure: Structure, point: Point) -> Fit | None:
-    """The fit with contact taken exactly from a point nearby; None where more than noise is left."""
-    whole = _flown_exactly(task, structure, point)
-    return exactly(task.problem, structure, point, REFIT_STEPS, whole) if whole.leaves_noise else None
-
-
 def all_refitted(task: Task, state: State, sets: Sequence[CandidateSet], family: int) -> list[State]:
     """The state with each of several sets of known effects; a cluster's workers refit them at once."""
     if isinstance(task.workers, Threads):
         return [refitted(task, state, s, family) for s in sets]
-    task.say("refitting " + ", ".join(" + ".join(m.name for m in s.members) for s in sets))
+    task.say("refitting " + ", ".join(s.title for s in sets))
     there = replace(task, tell=lambda _: None, workers=Threads(), until=np.inf)
     return task.workers.map(lambda s: refitted(there, state, s, family), list(sets))
 
@@ -329,8 +318,9 @@ def taken_exactly(task: Task, state: State) -> State:
     Until the physics is right, blows are forgiven and only what is read outside a contact counts: then a shaken rig is
     no friction."""
     f = state.fit
-    if not touches(f) or (new := _exact(task, f.structure, f.point)) is None:
+    if not touches(f) or not (whole := _flown_exactly(task, f.structure, f.point)).leaves_noise:
         return state
+    new = exactly(task.problem, f.structure, f.point, REFIT_STEPS, whole)
     exact = replace(state, fit=new).told(f"contact taken exactly: deviance {new.deviance:.0f}")
     return smoothed_anew(task, exact) if state.stands_in else exact
 
@@ -410,8 +400,8 @@ def rivals(task: Task, state: State, name: str) -> tuple[State, list[State]]:
         return state, []
     screening = screened(task, smaller)
     singles = [s for s in screening.sets if len(s.members) == 1]
-    own = [s for s in singles if s.members[0].name != name or s.members[0].start]
-    promised = next((s.deviance for s in singles if s.members[0].name == name), -np.inf)
+    own = [s for s in singles if s.title != name or s.members[0].start]
+    promised = next((s.deviance for s in singles if s.title == name), -np.inf)
     reach = min(max(state.fit.deviance, promised) + NEAR, screening.scores.plain - TWINS)  # more than by chance
     near = [s for s in own if s.deviance < reach]
     alike = sorted(near, key=lambda s: abs(s.deviance - promised))[:REFITTED]

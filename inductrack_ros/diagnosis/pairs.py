@@ -12,20 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.effects.stand_in import over
-from ..estimation.kalman import Columns, LinearRun, log_determinant, run_filter
-from ..estimation.likelihood import tally
-from ..estimation.linear import acting, force_columns, histories
+from ..estimation.blocks import Blocks, blocks_of
+from ..estimation.kalman import LinearRun, log_determinant
 from ..estimation.problem import Problem
-from ..estimation.processes import augmented
-from ..estimation.scores import shares_in, widened
-from ..estimation.shooting import ANEW, Fit, linearise_all
+from ..estimation.scores import shares_in
+from ..estimation.shooting import ANEW, Fit, all_histories, linearise_all
 from .factor import FACTORS, Factor, factors_of
 from .laws.forms import ALONG
 from .moves import State, Task, law_price, shaken, smoothed_anew, with_law, without
-from .screening import FINE_SHARES, Asked, Law, spans_of
+from .screening import FINE_SHARES, Asked, columns_of, spans_of, tables_over
 from .settings import COARSE, FINE, MEDIUM, TWINS
-from .smooth import Smooth, smoothest_of
+from .smooth import Smooth
 
 #: Products that are laid on a finer table and refitted.
 REFITTED = 2
@@ -80,147 +77,70 @@ def _tried(task: Task, plain: State, systems: Sequence[LinearRun], on: str) -> l
     variable does."""
     problem, f = task.problem, plain.fit
     task.say(f"forces in {on} on two variables")
-    runs = [histories(d, path) for d, path in zip(problem.runs, f.paths, strict=True)]
+    runs = all_histories(problem, f)
     spans = spans_of(runs)
-    singles = [t for v, s in spans.items() for t in _tables(v, s, None, (MEDIUM, FINE) if v in ALONG else (MEDIUM,))]
-    rough = [
-        t for factor in factors_of(on, runs, spans) for v, s in spans.items() if v != factor.variable
-        for t in _tables(v, s, factor, (MEDIUM,) if v in ALONG else (COARSE,))
-    ]  # fmt: skip
+
+    def tables(factor: Factor | None, finely: bool) -> list[Asked]:
+        others = {v: span for v, span in spans.items() if factor is None or v != factor.variable}
+        along, across = ((MEDIUM, FINE), (MEDIUM,)) if finely else ((MEDIUM,), (COARSE,))
+        return tables_over(others, lambda v: along if v in ALONG else across, factor)
+
+    singles = tables(None, finely=True)
+    rough = [t for factor in factors_of(on, runs, spans) for t in tables(factor, finely=False)]
     promised = promises(problem, f, systems, on, [*singles, *rough])
     alone, products = promised[: len(singles)], promised[len(singles) :]
     best = sorted(products, key=lambda p: -p.gain)[: 2 * REFITTED]
-    finer = [
-        t
-        for p in best
-        for t in _tables(
-            p.asked.variable,
-            spans[p.asked.variable],
-            p.asked.factor,
-            (MEDIUM, FINE) if p.asked.variable in ALONG else (MEDIUM,),
-        )
-    ]
-    found = sorted(promises(problem, f, systems, on, finer), key=lambda p: -p.unseen)
+    finer = [t for p in best for t in tables(p.asked.factor, finely=True) if t.variable == p.asked.variable]
+    found = sorted(promises(problem, f, systems, on, finer), key=lambda p: -p.unseen) if finer else []
     known, known_unseen = max(alone, key=lambda p: p.gain), max(alone, key=lambda p: p.unseen)
     kept = [p for p in found if p.unseen > known_unseen.unseen and p.gain > max(known.gain, law_price())][:REFITTED]
     return [_refitted(task, plain, on, p, known_unseen) for p in kept]
 
 
 def _refitted(task: Task, plain: State, on: str, p: Promise, known: Promise) -> State:
-    a = p.asked
-    law = Law(on, a.variable, a.start, a.step, p.table, p.gain, p.power, a.factor.parameters if a.factor else {})
-    new = smoothed_anew(task, with_law(task, plain, law))
+    new = smoothed_anew(task, with_law(task, plain, p.asked.law(on, p.table, p.gain, p.power)))
     return new.told(
-        f"times {a.factor.label if a.factor else ''}: takes {p.unseen:.0f} off runs left out, the best on one variable"
-        f" ({known.asked.variable}) {known.unseen:.0f}"
+        f"times {p.asked.factor.label if p.asked.factor else ''}: takes {p.unseen:.0f} off runs left out, the best on"
+        f" one variable ({known.asked.variable}) {known.unseen:.0f}"
     )
-
-
-def _tables(variable: str, span: tuple[float, float], factor: Factor | None, sizes: Sequence[int]) -> list[Asked]:
-    return [Asked(variable, *over(*span, n), factor) for n in sizes]
 
 
 # ---------------------------------------------------------------- cross-validation
 
 
-@dataclass(frozen=True)
-class Told:
-    """What one run tells at a power: ``grams`` of residual, nuisance and the entries of each table, (1 + g + l, 1 + g +
-    l), and the ``tally`` of its innovations' variances."""
-
-    grams: Sequence[np.ndarray]
-    tally: np.ndarray
-
-
 def promises(
     problem: Problem, fit: Fit, systems: Sequence[LinearRun], on: str, tables: Sequence[Asked]
 ) -> list[Promise]:
-    """What each table of a force on a coordinate promises at a fit, at the power of the disturbances that suits it."""
-    runs = [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
-
-    def columns(i: int) -> Columns:
-        entries = np.hstack([t.entries(runs[i]) for t in tables])
-        forces = acting(problem, fit.structure, i, fit.theta, fit.paths[i], on, entries)
-        return force_columns(problem.runs[i], problem.sigma, fit.model, forces)
-
-    parts = problem.for_runs(columns) if tables else []
-    without = _told(problem, fit, systems, [], [0], fit.power)
-    plain = _deviance(fit, without)
-    alone = _unseen(fit, [t.grams[0] for t in without], [t.tally for t in without], np.zeros((0, 0)))
+    """What each of some tables of a force on a coordinate promises at a fit, at the power of the disturbances that
+    suits it."""
+    (without,) = blocks_of(problem, fit, systems, [fit.power])
+    _, plain = Blocks.together(without).projected(fit)
+    alone = _unseen(fit, [r.nuisance for r in without], without, np.zeros((0, 0)))
+    powers = shares_in(fit.power, on, FINE_SHARES)
+    told = blocks_of(
+        problem, fit, systems, powers, lambda i: columns_of(problem, fit, i, on, tables), [t.count for t in tables]
+    )
     found: list[list[Promise]] = [[] for _ in tables]
-    for power in shares_in(fit.power, on, FINE_SHARES):
-        every = _told(problem, fit, systems, parts, [t.count for t in tables], power)
-        for k, asked in enumerate(tables):
-            mine = [Told([t.grams[k]], t.tally) for t in every]
-            found[k].append(_promise(fit, mine, problem.samples, power, asked, (plain, alone)))
+    for power, runs in zip(powers, told, strict=True):
+        equations, deviance = Blocks.together(runs).projected(fit)
+        for k, (asked, (gram, score)) in enumerate(zip(tables, equations, strict=True)):
+            table = asked.smoothest(gram, score, problem.samples)
+            prior = max(np.trace(gram) / len(gram), 1e-12) / problem.samples * np.eye(len(gram))
+            prior += table.smoothness.weight * table.smoothness.bending(len(gram))
+            unseen = _unseen(fit, [r.gram(k) for r in runs], runs, prior)
+            found[k].append(Promise(asked, table, power, plain - deviance + table.promise, alone - unseen))
     return [max(of_table, key=lambda p: p.gain) for of_table in found]
 
 
-def _told(
-    problem: Problem,
-    fit: Fit,
-    systems: Sequence[LinearRun],
-    parts: Sequence[Columns],
-    widths: Sequence[int],
-    power: np.ndarray,
-) -> list[Told]:
-    edges = np.cumsum([0, *widths])
-    g = 1 + len(fit.theta)
-
-    def one(i: int) -> Told:
-        system = augmented(problem, fit.structure, i, widened(systems[i], parts[i : i + 1]), fit.processes)
-        filtered = run_filter(system, power, smooth=False)
-        w = filtered.scored(system)
-        small = w[:, :g].T @ w[:, :g]
-        grams = []
-        for a, b in zip(g + edges[:-1], g + edges[1:], strict=True):
-            cross, own = w[:, :g].T @ w[:, a:b], w[:, a:b].T @ w[:, a:b]
-            grams.append(np.block([[small, cross], [cross.T, own]]))
-        return Told(grams, tally(problem, i, filtered, system))
-
-    return problem.for_runs(one)
-
-
-def _promise(
-    fit: Fit, told: Sequence[Told], samples: int, power: np.ndarray, asked: Asked, before: tuple[float, float]
-) -> Promise:
-    """A table's promise at one power; ``before``: the deviance without it, of all runs and of runs left out."""
-    g = len(fit.theta)
-    whole = np.sum([t.grams[0] for t in told], axis=0)
-    prior, pull = fit.structure.precision, _pull(fit)
-    inverse = np.linalg.pinv(whole[1 : 1 + g, 1 : 1 + g] + prior, rcond=1e-14, hermitian=True)
-    cross, own = whole[1 : 1 + g, 1 + g :], whole[1 + g :, 1 + g :]
-    gram = own - cross.T @ inverse @ cross
-    score = -whole[0, 1 + g :] - cross.T @ inverse @ (pull - whole[1 : 1 + g, 0])
-    table = smoothest_of(gram, score, samples, asked.variable in ALONG)
-    smooth = max(np.trace(gram) / len(gram), 1e-12) / samples * np.eye(len(gram))
-    smooth += table.smoothness.weight * table.smoothness.bending(len(gram))
-    unseen = _unseen(fit, [t.grams[0] for t in told], [t.tally for t in told], smooth)
-    gain = before[0] - _deviance(fit, told) + table.promise
-    return Promise(asked, table, power, gain, before[1] - unseen)
-
-
-def _pull(fit: Fit) -> np.ndarray:
-    return fit.structure.precision @ (fit.structure.centre - fit.theta)
-
-
-def _deviance(fit: Fit, told: Sequence[Told]) -> float:
-    """The deviance without a table, at the nuisance's best."""
-    g = len(fit.theta)
-    whole = np.sum([t.grams[0] for t in told], axis=0)
-    b = _pull(fit) - whole[1 : 1 + g, 0]
-    inverse = np.linalg.pinv(whole[1 : 1 + g, 1 : 1 + g] + fit.structure.precision, rcond=1e-14, hermitian=True)
-    return float(whole[0, 0] - b @ inverse @ b) + log_determinant(np.sum([t.tally for t in told], axis=0))
-
-
-def _unseen(fit: Fit, grams: Sequence[np.ndarray], tallies: Sequence[np.ndarray], smooth: np.ndarray) -> float:
-    """Twice the negative log density of each run that all others foretell, summed; ``smooth`` (l, l) is the table's
-    prior. What the others leave open counts: a run at a place where no other has been foretells nothing."""
+def _unseen(fit: Fit, grams: Sequence[np.ndarray], runs: Sequence[Blocks], smooth: np.ndarray) -> float:
+    """Twice the negative log density of each run that all others foretell, summed; ``grams`` (1 + g + l, 1 + g + l) of
+    each, ``smooth`` (l, l) is the table's prior. What the others leave open counts: a run at a place where no other has
+    been foretells nothing."""
     g = len(fit.theta)
     whole = np.sum(grams, axis=0)
     prior = np.zeros((len(whole) - 1,) * 2)
     prior[:g, :g], prior[g:, g:] = fit.structure.precision, smooth
-    pull = np.concatenate([_pull(fit), np.zeros(len(smooth))])
+    pull = np.concatenate([fit.structure.precision @ (fit.structure.centre - fit.theta), np.zeros(len(smooth))])
 
     def left(gram: np.ndarray) -> float:
         A, b = gram[1:, 1:] + prior, pull - gram[1:, 0]
@@ -231,4 +151,4 @@ def _unseen(fit: Fit, grams: Sequence[np.ndarray], tallies: Sequence[np.ndarray]
         return float(gram[0, 0] - np.sum(along**2 / values) + np.sum(np.log(values)) - 2.0 * np.sum(np.log(scale)))
 
     all_runs = left(whole)
-    return sum(all_runs - left(whole - gram) + log_determinant(lot) for gram, lot in zip(grams, tallies, strict=True))
+    return sum(all_runs - left(whole - gram) + log_determinant(r.tally) for gram, r in zip(grams, runs, strict=True))

@@ -20,7 +20,6 @@ from .laws.result import Laws
 
 #: Unit of an unknown change of the thrust.
 OF_THRUST = "of the thrust"
-VERDICTS = ("adequate", "missing_effect", "unknown_effect")
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Rival:
     """One candidate in one round of the search.
 
     - ``chi2_fall``: what adding it to ``beside`` takes off χ²; ``threshold``: what chance alone would; ``size`` and
-      ``std`` by parameter; ``heldout_nrmse`` where it was tried on left-out runs; ``words`` say for and against.
+      ``std`` by parameter; ``words`` say for and against.
     - ``where``: part of the fall by run, and by stretch of speed, gap and contact (label → part of the fall).
     - ``refitted``: False where the fall is only what it promises to first order.
     """
@@ -70,7 +69,6 @@ class Rival:
     threshold: float
     size: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
-    heldout_nrmse: float | None = None
     chosen: bool = False
     words: str = ""
     where: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -214,7 +212,6 @@ class Diagnosis:
     p_value: float = 1.0
     traces: tuple[RunTraces, ...] = ()
     proposal: Proposal | None = None
-    seconds: float = 0.0
     log: tuple[str, ...] = ()
     uncertainty: Uncertainty | None = None
     laws: Laws | None = None  # of an unknown force: closed forms in the table's place

@@ -11,7 +11,7 @@ import numpy as np
 from ..checks import SET_ASIDE, Finding
 from ..data.campaign import Campaign
 from ..estimation.kalman import LinearRun
-from ..estimation.likelihood import settle
+from ..estimation.likelihood import maximise_evidence
 from ..estimation.problem import Problem, RunData
 from ..estimation.shooting import Fit, linearise_all
 
@@ -65,7 +65,7 @@ def _deleted_residuals(problem: Problem, base: Fit, systems: Sequence[LinearRun]
     1998).
 
     The unit is a standard deviation, or what is usual in the channel and run where that is more."""
-    smooth = settle(problem, base.structure, systems, base.point, 1).smooth
+    smooth = maximise_evidence(problem, base.structure, systems, base.point, 1).smooth
     found = []
     for data, s in zip(problem.runs, smooth, strict=True):
         off = np.sqrt(s.of_readings[0] / np.maximum(s.of_readings[1], 1e-300))

@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..estimation.kalman import MUTE, LinearRun
-from ..estimation.likelihood import weigh
-from ..estimation.linear import outputs_of, read
+from ..estimation.likelihood import evidence_of
 from ..estimation.problem import Problem
 from ..estimation.processes import augmented
+from ..estimation.run_model import RunModel
 from ..estimation.scores import SHARES, Background
-from ..estimation.shooting import Fit, fit
+from ..estimation.shooting import Fit, fit, outputs_of
 from ..estimation.structure import Structure
 
 #: A coordinate that may be off by so many sigmas is not heard where the sensor shows less than this part of that. The
@@ -37,7 +37,7 @@ def unheard(problem: Problem, f: Fit, name: str, start: Mapping[str, float]) -> 
         for side in (-REACH, REACH):
             moved = outputs[:, None].copy()
             moved[data.row[own], 0, data.column[own]] += side * problem.sigma[mine]
-            shown.append(read(problem, faulty, i, moved, none)[0][own])
+            shown.append(RunModel(problem, faulty, i).read(moved, none)[0][own])
         found = np.zeros(len(data.y), bool)
         found[own] = shown[1] - shown[0] < HEARD * 2.0 * REACH * problem.sigma[mine]
         return found
@@ -53,7 +53,7 @@ def promised(
     muted = [s.muted(d) for s, d in zip(systems, dead, strict=True)]
     full = problem.for_runs(lambda i: augmented(problem, f.structure, i, muted[i], f.processes))
     powers = [share * f.power for share in SHARES]
-    deviances = [weigh(problem, f.structure, full, f.theta, power).deviance for power in powers]
+    deviances = [evidence_of(problem, f.structure, full, f.theta, power).deviance for power in powers]
     best = int(np.argmin(deviances))
     scored = sum(int((d & s.scored).sum()) for s, d in zip(muted, dead, strict=True))
     muting = sum(float(np.log(MUTE) * (d & s.charged).sum()) for s, d in zip(muted, dead, strict=True))
@@ -62,6 +62,5 @@ def promised(
 
 def without(problem: Problem, f: Fit, dead: Sequence[np.ndarray], steps: int) -> Fit:
     """The fit that these readings have no part in."""
-    muted = problem.subset(range(len(problem.runs)))
-    muted.variances = tuple(np.where(d, MUTE, problem.variance(i)) for i, d in enumerate(dead))
-    return fit(muted, f.structure, f.point, steps)
+    variances = tuple(np.where(d, MUTE, problem.variance(i)) for i, d in enumerate(dead))
+    return fit(problem.with_changes(variances=variances), f.structure, f.point, steps)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.effects import Effect
-from ..core.kernel import QUANTITIES
 from ..core.state import INDEX
 from ..data.stretches import stretches
 from .kalman import Columns
-from .linear import THETA_STEP, forced, mean_pulse, near_track, next_state, pieces, read
+from .linear import THETA_STEP, mean_pulse, near_track
 from .problem import Problem
+from .response import quantities_along
+from .run_model import RunModel
 from .shooting import Fit
 from .structure import Structure
 
@@ -30,11 +30,11 @@ class Told:
 
 def told_by_forces(problem: Problem, fit: Fit) -> list[Told]:
     """`Told` of each run along a fit's trajectories."""
-    structure, none = Structure(fit.model, ()), np.zeros(0)
+    structure = Structure(fit.model, ())
 
     def one(i: int) -> Told:
-        path = fit.paths[i]
-        return Told(mean_pulse(problem, structure, i, none, path), near_track(problem, structure, i, path))
+        run, path = RunModel(problem, structure, i), fit.paths[i]
+        return Told(mean_pulse(run, np.zeros(0), path), near_track(run, path))
 
     return problem.for_runs(one)
 
@@ -42,68 +42,69 @@ def told_by_forces(problem: Problem, fit: Fit) -> list[Told]:
 def of_parameters(problem: Problem, fit: Fit, effects: Sequence[str], told: Sequence[Told]) -> dict[str, list[Columns]]:
     """By effect, what each of its parameters would do to every run where the effect vanishes, in typical sizes;
     ``told`` as `told_by_forces` gives it."""
-    known = fit.model.known_effects
-    integrated = [n for n in effects if needs_integration(known[n.partition(":")[0]])]
+    integrated = [n for n in effects if needs_integration(fit, n)]
     found = {}
-    for names, means in ((integrated, [None] * len(told)), ([n for n in effects if n not in integrated], told)):
+    for names in (integrated, [n for n in effects if n not in integrated]):
         wide = Structure(fit.model, ())
         for name in names:
             wide = wide.plus(name)
-        of = [full.rpartition(".")[0] for full in wide.free]
-        theta = wide.start
-        steps = np.where(theta + THETA_STEP <= wide.bounds[1], THETA_STEP, -THETA_STEP)
-        thetas = np.vstack([theta, theta + np.diag(steps)])
-
-        states = any(known[n.partition(":")[0]].states for n in names)
-
-        def one(i: int, wide=wide, thetas=thetas, steps=steps, means=means, states=states) -> Columns:
-            path = carried(problem, wide, i, fit.paths[i]) if states else fit.paths[i]
-            return differences(problem, wide, i, path, thetas, steps, fit.model.active_states, means[i])
-
-        runs = problem.for_runs(one) if names else []
+        steps = np.where(wide.start + THETA_STEP <= wide.bounds[1], THETA_STEP, -THETA_STEP)
+        runs = of_thetas(problem, fit, wide, np.vstack([wide.start, wide.start + np.diag(steps)]), steps, told)
         for name in names:
-            mine = [k for k, owner in enumerate(of) if owner == name]
+            mine = [k for k, full in enumerate(wide.free) if full.rpartition(".")[0] == name]
             found[name] = [Columns(c.inputs[:, :, mine], c.data[:, mine]) for c in runs]
     return found
 
 
-def needs_integration(item: Effect) -> bool:
+def of_thetas(
+    problem: Problem, fit: Fit, wide: Structure, thetas: np.ndarray, steps: np.ndarray, told: Sequence[Told]
+) -> list[Columns]:
+    """`differences` of every run along a fit's trajectories, for a structure with further effects: their states follow
+    from node to node. Pieces are integrated where one of them asks for it."""
+    if len(thetas) == 1:
+        return []
+    added = [n for n in wide.effects if n not in fit.model.effects]
+    states = any(fit.model.known_effects[n.partition(":")[0]].states for n in added)
+    integrated = any(needs_integration(fit, n) for n in added)
+
+    def one(i: int) -> Columns:
+        run = RunModel(problem, wide, i)
+        path = carried(run, fit.paths[i]) if states else fit.paths[i]
+        return differences(run, path, thetas, steps, fit.model.active_states, None if integrated else told[i])
+
+    return problem.for_runs(one)
+
+
+def needs_integration(fit: Fit, name: str) -> bool:
     """Whether the forces at the nodes do not tell what an effect does between them: it has states, or acts on single
     pulses."""
+    item = fit.model.known_effects[name.partition(":")[0]]
     return bool(item.states) or item.only == "pulses"
 
 
 def differences(
-    problem: Problem,
-    structure: Structure,
-    i: int,
-    path: np.ndarray,
-    thetas: np.ndarray,
-    steps: np.ndarray,
-    active: np.ndarray,
-    told: Told | None = None,
+    run: RunModel, path: np.ndarray, thetas: np.ndarray, steps: np.ndarray, active: np.ndarray, told: Told | None = None
 ) -> Columns:
     """Changes of a run's pieces and readings from the first row of thetas (1 + p, g) to each other one, over its step
     (p,).
 
     The pieces are integrated, or ``told`` from the forces at their ends where these tell."""
-    data, still = problem.runs[i], np.zeros((len(thetas), path.shape[1]))
     if told is None:
-        outputs, ends = pieces(problem, structure, i, thetas, still, path)
+        outputs, ends = run.pieces(path, thetas)
     else:
-        outputs, changes = forced(problem, structure, i, thetas, path, told.pulses)
+        outputs, changes = run.forced(path, thetas, told.pulses)
         ends = np.zeros((*changes.shape[:2], path.shape[1]))
         ends[:, :, :8] = changes
         differ = _differ(outputs, changes)
         for a, b in stretches(told.touching & differ.any(axis=1)):
             jobs = np.append(0, np.flatnonzero(differ[a:b].any(axis=0)))
-            flown = pieces(problem, structure, i, thetas[jobs], still[jobs], path, slice(a, b + 1))
+            flown = run.pieces(path, thetas[jobs], some=slice(a, b + 1))
             for known, found in zip((outputs, ends), flown, strict=True):
                 known[a:b] = found[: b - a, :1]
                 known[a:b, jobs] = found[: b - a]
     inputs = ((ends[:, 1:] - ends[:, :1]) / steps[:, None]).transpose(0, 2, 1)[:, active]
-    readings = read(problem, structure, i, outputs, thetas)
-    change = (readings[1:] - readings[0]).T / steps / problem.sigma[data.channel][:, None]
+    readings = run.read(outputs, thetas)
+    change = (readings[1:] - readings[0]).T / steps / run.sigma[:, None]
     return Columns(np.nan_to_num(inputs), np.nan_to_num(change))
 
 
@@ -119,43 +120,32 @@ def of_switch(problem: Problem, fit: Fit, name: str, values: Mapping[str, float]
     states = bool(fit.model.known_effects[name.partition(":")[0]].states)
 
     def one(i: int) -> Columns:
-        data, path, none = problem.runs[i], fit.paths[i], np.zeros((1, 0))
-        still = np.zeros((1, path.shape[1]))
-        before, ends = pieces(problem, here, i, none, still, path)
-        moved = carried(problem, there, i, path) if states else path
-        after, ends_after = pieces(problem, there, i, none, still, moved)
+        off, on, path, none = RunModel(problem, here, i), RunModel(problem, there, i), fit.paths[i], np.zeros((1, 0))
+        before, ends = off.pieces(path, none)
+        after, ends_after = on.pieces(carried(on, path) if states else path, none)
         inputs = (ends_after[:, 0] - ends[:, 0])[:, fit.model.active_states, None].copy()
         inputs[:, 8:] = 0.0
-        change = read(problem, there, i, after, none)[0] - read(problem, here, i, before, none)[0]
-        return Columns(np.nan_to_num(inputs), np.nan_to_num(change / problem.sigma[data.channel])[:, None])
+        change = on.read(after, none)[0] - off.read(before, none)[0]
+        return Columns(np.nan_to_num(inputs), np.nan_to_num(change / off.sigma)[:, None])
 
     return problem.for_runs(one)
 
 
-def carried(problem: Problem, structure: Structure, i: int, path: np.ndarray) -> np.ndarray:
+def carried(run: RunModel, path: np.ndarray) -> np.ndarray:
     """A trajectory (n, N) whose effects' own states follow from node to node, from where they start."""
-    data, model = problem.runs[i], structure.model
-    P = problem.vectors(structure, i, structure.start[None])
-    x = model.with_effect_states(path[0], data.grid[0], P[0], None if data.averaged else data.pulses, path[0, 0])
-    result = path.copy()
-    for k in range(len(path)):
-        result[k, 8:] = x[8:]
-        if k + 1 < len(path):
-            x = next_state(problem, model, i, P, result, k)
-    return result
+    data = run.data
+    P = run.vectors(run.structure.start[None])
+    x = run.model.with_effect_states(path[0], data.grid[0], P[0], data.fired, path[0, 0])
+    return run.followed(path, x, P, slice(8, None))
+
+
+def all_carried(problem: Problem, structure: Structure, paths: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Every run's trajectory (n, N) so `carried`."""
+    return tuple(problem.for_runs(lambda i: carried(RunModel(problem, structure, i), paths[i])))
 
 
 def quantities(problem: Problem, fit: Fit, i: int, names: Sequence[str], raised: float = 0.0) -> np.ndarray:
     """Quantities (n, q) of the equations along run i, the cradle ``raised`` above where it was (m)."""
-    data, model, path = problem.runs[i], fit.model, fit.paths[i]
-    P = problem.vectors(Structure(model, ()), i, np.zeros((1, 0)))[0]
-    dx, q = np.zeros(path.shape[1]), np.zeros(len(QUANTITIES))
-    columns = [QUANTITIES.index(n) for n in names]
-    out = np.zeros((len(path), len(columns)))
-    x = np.zeros(path.shape[1])
-    for k, t in enumerate(data.grid):
-        x[:] = path[k]
-        x[INDEX["heave"]] += raised
-        model.kernel.evaluate(t, x, P, model.switches, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
-        out[k] = q[columns]
-    return out
+    run, path = RunModel(problem, Structure(fit.model, ()), i), fit.paths[i].copy()
+    path[:, INDEX["heave"]] += raised
+    return quantities_along(run.data, run.model, run.vectors(np.zeros((1, 0)))[0], path, names)

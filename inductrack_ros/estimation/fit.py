@@ -10,15 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from .problem import STATE_PRIOR, Linearisation, Problem
-from .structure import THETA_PRIOR, Structure
+from .problem import BOTH_SIDES, STATE_PRIOR, Linearisation, Problem
+from .structure import Fitted, Structure
 
-#: A parameter whose standard deviation stays above this part of its prior is one the data cannot determine.
-UNDETERMINED = 0.3
 #: Residuals and derivatives (over noise) beyond this are those of a simulation that has left all bounds.
 LOST = 1e12
 #: Part of a large misfit's χ² that is not worth another step: nobody needs the wrong model's parameters to many digits.
@@ -28,25 +25,15 @@ LOOSE, IDLE = 1e-3, 2
 #: Steps of each run by itself after a joint step that fell short of its promise; after how many such steps, one damped
 #: more than the other.
 SETTLE, SETTLED = 4, 2
-#: First of the growing horizons of a fit from scratch (s) and by what they grow: impacts and instability are taken in
-#: bit by bit. Those shorter than ``ENOUGH`` need so many samples; steps that lose the runs are halved down to
-#: ``LEAST``.
-SHORTEST, GROWTH, ENOUGH, SAMPLES, LEAST = 0.04, 1.35, 0.15, 100, 0.02
-#: A fit that leaves so many times the noise's χ² may only be stuck; one that leaves so many has lost the runs, and only
-#: their beginnings still tell anything.
-ROUGH, HOPELESS = 1.5, 100.0
 #: Relative error allowed in a stated noise level before its χ² counts as misfit, and standard deviations of χ² that are
 #: still noise.
 NOISE_TOLERANCE, NOISE = 0.02, 5.0
-#: Where a horizon first misses by this many times the noise's χ², each free parameter is also started at these
-#: multiples, unless all are known to this part of themselves by then.
-FAR_OFF, MULTIPLES, KNOWN = 10.0, (0.05, 0.15, 0.4, 2.5, 7.0), 0.1
 #: χ² of a sample that a late sensor's model cannot predict (before the run began): its expectation.
 UNPREDICTED = 1.0
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Fitted):
     """A fitted structure: theta (g,), initial states (8,) a run, χ² of all samples, covariance of theta (g, g)."""
 
     structure: Structure
@@ -56,27 +43,6 @@ class Fit:
     covariance: np.ndarray
     linear: tuple[Linearisation, ...]
     converged: bool
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Fitted parameters by full name."""
-        return self.structure.decode(self.theta)
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Their standard deviations."""
-        return self.structure.spread(self.theta, np.sqrt(np.diag(self.covariance)))
-
-    @cached_property
-    def model(self):
-        """The model with the fitted parameters."""
-        return self.structure.with_theta(self.theta)
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Free parameters that the data say nothing about."""
-        wide = np.sqrt(np.diag(self.covariance)) > UNDETERMINED * THETA_PRIOR
-        return tuple(n for n, w in zip(self.structure.free, wide, strict=True) if w)
 
     @property
     def of_runs(self) -> np.ndarray:
@@ -92,23 +58,6 @@ class Fit:
     def leaves_noise(self) -> bool:
         """Whether χ² is what noise would leave, if its stated level may be a little wrong."""
         return self.chi2 < most_noise(self.samples)
-
-    @property
-    def rough(self) -> bool:
-        """Whether far more than noise is left."""
-        return not self.chi2 < ROUGH * self.samples
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether so much is left that the runs have been thrown far off what was measured."""
-        return not self.chi2 < HOPELESS * self.samples
-
-    @property
-    def reduced_chi2(self) -> float:
-        """χ² over degrees of freedom; what a prior holds, as the roughness of a table, uses none up."""
-        held = np.trace(self.covariance @ self.structure.precision)
-        used = len(self.theta) - held + sum(len(part.free_states) for part in self.linear)
-        return float(self.chi2 / max(self.samples - used, 1))
 
 
 def most_noise(samples: int) -> float:
@@ -135,14 +84,14 @@ def fit(
     iterations: int = 30,
     tolerance: float = 0.02,
     settle: bool = False,
-    one_sided: bool = False,
+    sides: Sequence[float] = BOTH_SIDES,
 ) -> Fit:
     """Fit a structure's free parameters and every run's free initial states.
 
     Starts from ``theta`` and ``states`` where given (else the structure's own values and the first guess). Stops after
     ``iterations`` or when a step would gain less than ``tolerance`` in χ². With ``settle``, each run's initial state is
     fitted anew beside the new parameters wherever a step falls short: slower, and it arrives where the valleys are so
-    curved that joint steps creep. ``one_sided`` differences cost half where only the way matters."""
+    curved that joint steps creep. ``sides`` as `Problem.linearise` takes them."""
     theta = structure.start.copy() if theta is None else np.array(theta, float)
     theta = np.clip(theta, *structure.bounds)
     states = [
@@ -150,15 +99,16 @@ def fit(
         for s, d in zip(states or [None] * len(problem.runs), problem.runs, strict=True)
     ]
     damping, of_runs, converged, idle = 1e-3, np.full(len(states), 1e-3), False, 0
-    linear = problem.linearise(structure, theta, states, one_sided=one_sided)
+    linear = problem.linearise(structure, theta, states, sides)
     now = _point(problem, structure, theta, states, [part.residual for part in linear])
     for _ in range(iterations):
         accepted = False
         for attempt in range(8):
             try:
-                step, local, gain = _solve(problem, linear, now.theta, structure, now.states, damping, of_runs)
+                proposed = _solve(problem, structure, linear, now, damping, of_runs)
             except np.linalg.LinAlgError:  # derivatives beyond all bounds: nothing to be had from here
                 break
+            gain = proposed[2]
             enough = tolerance + COARSE * max(now.cost - 2.0 * problem.samples, 0.0)
             if gain < enough and of_runs.max() > LOOSE:  # it may only be the damping that holds
                 damping, of_runs = min(damping, LOOSE), np.minimum(of_runs, LOOSE)
@@ -166,7 +116,7 @@ def fit(
             if gain < enough:
                 converged = True
                 break
-            new, better = _moved(problem, structure, now, step, local, gain, settle and attempt < SETTLED)
+            new, better = _moved(problem, structure, now, proposed, settle and attempt < SETTLED)
             good = (now.cost - new.cost) / gain
             ease = 0.1 if good > 0.5 else 0.5 if good > 0.0 else 1.0
             of_runs = np.where(better, np.maximum(ease * of_runs, 1e-9), 10.0 * of_runs)
@@ -181,11 +131,15 @@ def fit(
         idle = idle + 1 if now.cost - new.cost < enough else 0
         converged = idle == IDLE
         now = new
-        linear = problem.linearise(structure, now.theta, now.states, one_sided=one_sided)
+        linear = problem.linearise(structure, now.theta, now.states, sides)
         if converged:
             break
     chi2 = chi_square([part.residual for part in linear])
     return Fit(structure, now.theta, tuple(now.states), chi2, _covariance(structure, linear), tuple(linear), converged)
+
+
+#: A step of theta (g,) and of each run's initial state (8,), and the fall in cost that it promises.
+Proposed = tuple[np.ndarray, list[np.ndarray], float]
 
 
 @dataclass(frozen=True)
@@ -214,13 +168,14 @@ def _point(
 
 
 def _moved(
-    problem: Problem, structure: Structure, now: _Point, step, local, gain: float, settle: bool
+    problem: Problem, structure: Structure, now: _Point, proposed: Proposed, settle: bool
 ) -> tuple[_Point, np.ndarray]:
     """The point a step further, and which runs (runs,) fared better for moving.
 
     Where the step falls short of the ``gain`` it promises (curved valleys), a run that fares better where it was stays
     there; with ``settle`` each is fitted anew from the better of the two.
     """
+    step, local, gain = proposed
     theta = np.clip(now.theta + step, *structure.bounds)
     moved = _point(problem, structure, theta, [x + dx for x, dx in zip(now.states, local, strict=True)])
     if now.cost - moved.cost > 0.5 * gain:
@@ -229,22 +184,16 @@ def _moved(
     better = moved.each < stayed.each
     states = [a if b else x for a, x, b in zip(moved.states, stayed.states, better, strict=True)]
     if settle and len(theta):
-        return (
-            _point(problem, structure, theta, _settled(problem, Structure(structure.with_theta(theta), ()), states)),
-            better,
-        )
+        states = _settled(problem, Structure(structure.with_theta(theta), ()), states)
+        return _point(problem, structure, theta, states), better
     residuals = [a if b else x for a, x, b in zip(moved.residuals, stayed.residuals, better, strict=True)]
     return _point(problem, structure, theta, states, residuals), better
 
 
 def within_bounds(part: Linearisation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of one run that are within all bounds: residual, derivatives by theta and by the free states."""
-    # Not where NaN.
-    rows = (
-        (np.abs(part.residual) < LOST)
-        & (np.abs(part.by_theta) < LOST).all(axis=1)
-        & (np.abs(part.by_state) < LOST).all(axis=1)
-    )
+    every = np.column_stack([part.residual, part.by_theta, part.by_state])
+    rows = (np.abs(every) < LOST).all(axis=1)  # not where NaN
     return part.residual[rows], part.by_theta[rows], part.by_state[rows]
 
 
@@ -252,20 +201,26 @@ def _settled(problem: Problem, held: Structure, states: Sequence[np.ndarray]) ->
     """Initial states after some steps of each run by itself, nothing else being free."""
 
     def task(i: int) -> np.ndarray:
-        return fit(problem.subset([i]), held, [states[i]], iterations=SETTLE, tolerance=0.1, one_sided=True).states[0]
+        return fit(problem.subset([i]), held, [states[i]], iterations=SETTLE, tolerance=0.1, sides=(1.0,)).states[0]
 
     return problem.for_runs(task)
 
 
-def _solve(problem, linear, theta, structure, states, damping, of_runs):
-    """Step of theta and of each run's states and the fall in cost it promises, theta damped by ``damping``, the states
-    of each run by ``of_runs``."""
-    g = len(theta)
+def _solve(
+    problem: Problem,
+    structure: Structure,
+    linear: Sequence[Linearisation],
+    now: _Point,
+    damping: float,
+    of_runs: np.ndarray,
+) -> Proposed:
+    """The step, theta damped by ``damping``, the states of each run by ``of_runs`` (runs,). Raises `LinAlgError`."""
+    theta, g = now.theta, len(now.theta)
     low, high = structure.bounds
     A = structure.precision.copy()
     b = A @ (structure.centre - theta)
     runs = []
-    for data, part, x, own in zip(problem.runs, linear, states, of_runs, strict=True):
+    for data, part, x, own in zip(problem.runs, linear, now.states, of_runs, strict=True):
         r, G, X = within_bounds(part)
         f = part.free_states
         weight = STATE_PRIOR[f] ** -2.0
@@ -319,93 +274,3 @@ def _covariance(structure, linear) -> np.ndarray:
     if free := [k for k in range(g) if k not in structure.held]:
         covariance[np.ix_(free, free)] = np.linalg.pinv(A[np.ix_(free, free)], rcond=1e-15, hermitian=True)
     return covariance
-
-
-def rough_fit(
-    problem: Problem,
-    structure: Structure,
-    states: Sequence[np.ndarray] | None = None,
-    theta: np.ndarray | None = None,
-    settle: bool = True,
-) -> Fit:
-    """A fit good enough to go on from, over a longer horizon."""
-    return fit(problem, structure, states, theta, iterations=8, tolerance=1.0, settle=settle)
-
-
-def fit_from_scratch(
-    problem: Problem, structure: Structure, theta: np.ndarray | None = None, thorough: bool = True
-) -> Fit:
-    """Fit over growing horizons, then over all: the first takes the initial states in, the last the instability.
-
-    Far from the truth this arrives where a fit of whole runs does not: their errors grow a thousandfold and contact
-    makes them jump. Unless it is to be ``thorough`` it does not care for more than a rough fit once the runs are lost,
-    for then the model is wrong."""
-    near = _approach(problem, structure, theta, thorough)
-    if near and near.rough and not thorough:
-        return fit(problem, structure, near.states, near.theta, iterations=8)
-    if near is None:
-        return fit(problem, structure, None, theta, settle=True)
-    return fit(problem, structure, near.states, near.theta, iterations=60, settle=not near.hopeless)
-
-
-def _approach(problem: Problem, structure: Structure, theta: np.ndarray | None, thorough: bool) -> Fit | None:
-    """The fit over the last of the growing horizons (χ² within it), or the first that is hopeless, or only rough if it
-    need not be ``thorough``; None where the runs are too short for any."""
-    near, states, far = None, None, theta is None
-    ladder = Ladder(growing(problem)[:-1])
-    while ladder.horizons:
-        part = problem.within(ladder.horizons[0])
-        step = rough_fit(part, structure, states, theta)
-        if far and not step.chi2 < FAR_OFF * part.samples:
-            step, far = min([step, *_far_starts(part, structure)], key=lambda f: f.chi2), False
-        if step.rough and near and near.leaves_noise and ladder.halved():
-            continue
-        if np.isfinite(step.chi2):
-            near, states, theta = step, step.states, step.theta
-            far = far and any(
-                s > KNOWN * abs(v) for s, v in zip(step.deviations.values(), step.values.values(), strict=True)
-            )
-        if step.hopeless or step.rough and not thorough:
-            break
-        ladder.climb()
-    return near
-
-
-@dataclass
-class Ladder:
-    """Horizons (s) yet to be fitted over, the next first, and the last that was."""
-
-    horizons: list[float]
-    reached: float = 0.0
-
-    def climb(self) -> None:
-        """On to the next."""
-        self.reached = self.horizons.pop(0)
-
-    def halved(self) -> bool:
-        """Go only halfway, for the next loses the runs; False where that is not worth a step any more, or nothing has
-        been reached."""
-        if not self.reached or self.horizons[0] - self.reached <= LEAST:
-            return False
-        self.horizons.insert(0, 0.5 * (self.reached + self.horizons[0]))
-        return True
-
-
-def growing(problem: Problem) -> list[float]:
-    """The growing horizons (s), the last of them all of the longest run."""
-    horizons = [SHORTEST]
-    while horizons[-1] < problem.length:
-        horizons.append(GROWTH * horizons[-1])
-    horizons = [h for h in horizons if h >= ENOUGH or problem.within(h).samples >= SAMPLES]
-    return [h for h in horizons if h < 0.8 * problem.length] + [problem.length]
-
-
-def _far_starts(problem: Problem, structure: Structure) -> list[Fit]:
-    """Fits from multiples of each free parameter: a rig may be far from the paper's."""
-    fits = []
-    for k, name in enumerate(structure.free):
-        for multiple in MULTIPLES:
-            values = [structure.value(n) * (multiple if n == name else 1.0) for n in structure.free]
-            if structure.value(name) and structure.declarations[k].low <= values[k] <= structure.declarations[k].high:
-                fits.append(fit(problem, structure, theta=structure.encode(values), iterations=8, tolerance=1.0))
-    return fits

@@ -24,6 +24,8 @@ LEVEL = 0.95  # of every interval stated here
 FLAT = 0.25
 #: Profiles are followed to this relative distance from the best value; an interval that does not end there has no end.
 REACH = 0.9
+#: Points of a profile on each side of the best value, about.
+POINTS = 7
 #: Residual where the model cannot be simulated.
 FAR = 1e9
 #: Residuals less likely than this under the stated noise alone are remarked upon.
@@ -231,7 +233,7 @@ class Identification:
         ends."""
         return self.rise(fit, name, value)[0] <= fit.threshold
 
-    def profile(self, fit: Fit, name: str, points: int = 7) -> Profile:
+    def profile(self, fit: Fit, name: str) -> Profile:
         """Profile likelihood of one parameter, out to where it has left the 95 % interval on both sides, or to
         `REACH`."""
         i = fit.free.index(name)
@@ -243,8 +245,8 @@ class Identification:
         lowest, highest = max(declared.low, centre - reach), min(declared.high, centre + reach)
         found = [(centre, 0.0, fit.values)]
         for sign in (-1.0, 1.0):
-            last, rise, near, step = centre, 0.0, fit.values, 2.6 * std / points
-            for _ in range(4 * points):
+            last, rise, near, step = centre, 0.0, fit.values, 2.6 * std / POINTS
+            for _ in range(4 * POINTS):
                 value = float(np.clip(last + sign * step, lowest, highest))
                 if value == last:
                     break
@@ -253,23 +255,14 @@ class Identification:
                 last = value
                 if rise > 1.6 * limit:
                     break
-                if len(found) % points == 0:
+                if len(found) % POINTS == 0:
                     step *= 1.7
         found.sort(key=lambda item: item[0])
         values = np.array([f[0] for f in found])
         rises = np.array([f[1] for f in found])
-        others = np.array([f[2] for f in found])
         low, high = _crossing(values, rises, centre, limit, -1), _crossing(values, rises, centre, limit, 1)
-        return Profile(
-            name,
-            centre,
-            values,
-            rises / (1.0 if fit.noise_known else fit.noise**2),
-            others,
-            limit / (1.0 if fit.noise_known else fit.noise**2),
-            low,
-            high,
-        )
+        unit = 1.0 if fit.noise_known else fit.noise**2
+        return Profile(name, centre, values, rises / unit, limit / unit, low, high)
 
 
 def _inverse(normal: Array) -> Array:
@@ -283,15 +276,14 @@ def _inverse(normal: Array) -> Array:
 class Profile:
     """Profile likelihood of one parameter.
 
-    values (n,), the rise of the least misfit over noise² at each (n,), all parameters there (n, p), the threshold of
-    the 95 % interval, and the interval's ends. An end is infinite where the profile never leaves the threshold.
+    values (n,), the rise of the least misfit over noise² at each (n,), the threshold of the 95 % interval, and the
+    interval's ends. An end is infinite where the profile never leaves the threshold.
     """
 
     name: str
     best: float
     values: Array
     rise: Array
-    others: Array
     threshold: float
     low: float
     high: float
@@ -323,12 +315,11 @@ def _crossing(values: Array, rises: Array, centre: float, limit: float, side: in
 @dataclass(frozen=True)
 class Valley:
     """Best and worst determined combination Π θ^w of the parameters: exponents (p,), the largest being 1, and relative
-    std."""
+    std of the best."""
 
     best_exponents: Array
     best_std: float
     worst_exponents: Array
-    worst_std: float
 
 
 def valley(fit: Fit) -> Valley | None:
@@ -338,13 +329,8 @@ def valley(fit: Fit) -> Valley | None:
         return None
     relative = fit.covariance / np.outer(fit.values, fit.values)
     variance, axes = np.linalg.eigh(relative)
-
-    def scaled(v: Array) -> tuple[Array, float]:
-        return v / v[np.argmax(np.abs(v))], float(1.0 / np.max(np.abs(v)))
-
-    best, worst = axes[:, 0], axes[:, -1]
-    (b, b_scale), (w, w_scale) = scaled(best), scaled(worst)
-    return Valley(b, math.sqrt(max(variance[0], 0.0)) * b_scale, w, math.sqrt(max(variance[-1], 0.0)) * w_scale)
+    best, worst = (v / v[np.argmax(np.abs(v))] for v in (axes[:, 0], axes[:, -1]))
+    return Valley(best, math.sqrt(max(variance[0], 0.0)) * float(1.0 / np.max(np.abs(axes[:, 0]))), worst)
 
 
 def verdict(fit: Fit, profiles: Sequence[Profile]) -> str:

@@ -34,15 +34,18 @@ VANISHING = 1e-280
 class LinearRun:
     """A run about a trajectory of n nodes; N states, m measurements, columns c = 1 + g.
 
-    ``first`` (n + 1,): the measurements of node k are first[k]:first[k + 1]. ``sensitivity`` (m, N), ``data`` (m, c),
-    ``variance`` (m,) in units of the stated noise; ``transitions`` (n, N, N) and ``inputs`` (n, N, c) lead to the next
-    node (the last is not used); ``spacing`` (n,) s; ``start_root`` (N, N) a square root of the initial covariance,
-    ``start_mean`` (N, c); ``kicks`` (n, N) variances of white disturbances of each state on the way to the next node,
-    beside those of the accelerations; ``touching`` (n,) where the cradle is in contact on that way; ``late`` (m, 4)
-    what the coordinates' rates add to a reading because it is of another moment; ``struck`` (m,) readings that show
-    what an impact changes; ``contact`` (n,) where such readings do not count in any fit (None: where this trajectory
-    touches); ``blown`` (m,) what of the variance is blows of a contact; ``paced`` whether its pulses were fired as the
-    cradle came by (see `in_step`); its first state is then surge."""
+    - first (n + 1,): the measurements of node k are first[k]:first[k + 1]
+    - sensitivity H (m, N), data (m, c), variance (m,): the measurements, in units of the stated noise
+    - transitions Φ (n, N, N), inputs U (n, N, c), spacing (n,) s: the way to the next node (the last is not used)
+    - start_root (N, N), start_mean (N, c): a square root of the initial covariance, and the mean
+    - kicks (n, N): variances of white disturbances of each state on the way, beside those of the accelerations
+    - touching (n,): where the cradle is in contact on the way
+    - late (m, 4): what the coordinates' rates add to a reading because it is of another moment
+    - struck (m,): readings that show what an impact changes
+    - contact (n,): where such readings do not count in any fit; None: where this trajectory touches
+    - blown (m,): what of the variance is blows of a contact
+    - paced: whether its pulses were fired as the cradle came by (see `in_step`); its first state is then surge
+    """
 
     first: np.ndarray
     sensitivity: np.ndarray
@@ -178,17 +181,17 @@ def log_determinant(tally: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """Deviations (n, N) of the nodes and what the data say of the disturbances.
+    """Deviations (n, N) of the nodes, and what the data show (found, expected) of each variance.
 
-    ``adjoint`` (n, N) is the smoother's; the disturbance that leads to node k is Q_{k-1} times it. ``found`` and
-    ``expected`` (4,) are tr(∂Q/∂q λλᵀ) and its expectation: twice the log likelihood's derivative by a power q is found
-    − expected. The same by the logarithm of a variance: of a state's kicks and start, ``of_states`` (2, N) (found,
-    expected), and of a reading, ``of_readings`` (2, m); ``counts`` (m,) which of these count."""
+    Twice the log likelihood's derivative is found − expected.
+
+    - of_power (2, 4): by a power of the disturbances
+    - of_states (2, N): by the logarithm of the variance of a state's kicks and start
+    - of_readings (2, m): by that of a reading; counts (m,): which of these count
+    """
 
     deviations: np.ndarray
-    adjoint: np.ndarray
-    found: np.ndarray
-    expected: np.ndarray
+    of_power: np.ndarray
     of_states: np.ndarray
     of_readings: np.ndarray
     counts: np.ndarray
@@ -203,8 +206,9 @@ def run_filter(run: LinearRun, power: np.ndarray, smooth: bool = True) -> Filter
     innovations, variances, gains = np.empty((m, columns)), np.empty(m), np.empty((m, n_states))
     roots, means = np.empty((kept, n_states, n_states)), np.empty((kept, n_states, columns))
     _filter(
-        run.first, run.sensitivity, run.data, run.variance, run.transitions, run.inputs, run.spacing, run.start_root,
-        run.start_mean, run.kicks, np.asarray(power, float), innovations, variances, gains, roots, means,
+        run.first, run.sensitivity, run.data, run.variance, (run.transitions, run.inputs, run.spacing, run.kicks),
+        run.start_root.copy(), run.start_mean.copy(), np.asarray(power, float), (innovations, variances, gains), roots,
+        means,
     )  # fmt: skip
     beside = run_filter(run.in_step, power, smooth) if run.paced else None
     return Filtered(innovations, variances, gains, roots, means, beside)
@@ -217,20 +221,19 @@ def run_smoother(run: LinearRun, filtered: Filtered, theta: np.ndarray) -> Smoot
     on as it does without."""
     weights = np.concatenate([[1.0], theta])[: filtered.innovations.shape[1]]
     n, size, _ = filtered.roots.shape
-    deviations, adjoint = np.empty((n, size)), np.empty((n, size))
-    found, expected = np.zeros(4), np.zeros(4)
+    deviations, of_power = np.empty((n, size)), np.zeros((2, 4))
     forgiven = run.forgiven[:, None]
     lasting = np.where(forgiven & (np.arange(4) > 0), 0.0, run.spacing[:, None])
     of_states, of_readings = np.zeros((2, size)), np.zeros((2, len(run.variance)))
     _smoother(
-        run.first, run.sensitivity, run.variance, run.transitions, lasting, np.where(forgiven, 0.0, run.kicks),
-        filtered.innovations @ weights, filtered.variances, filtered.gains, filtered.roots, filtered.means @ weights,
-        deviations, adjoint, found, expected, of_states, of_readings,
+        run.first, run.sensitivity, run.variance, (run.transitions, lasting, np.where(forgiven, 0.0, run.kicks)),
+        (filtered.innovations @ weights, filtered.variances, filtered.gains), filtered.roots, filtered.means @ weights,
+        deviations, of_power, of_states, of_readings,
     )  # fmt: skip
     if filtered.in_step is not None:  # what is expected is the derivative of what is charged
         even = run_smoother(run.in_step, filtered.in_step, np.empty(0))
-        expected, of_states[1], of_readings[1] = even.expected, even.of_states[1], even.of_readings[1]
-    return Smoothed(deviations, adjoint, found, expected, of_states, of_readings, run.scored)
+        of_power[1], of_states[1], of_readings[1] = even.of_power[1], even.of_states[1], even.of_readings[1]
+    return Smoothed(deviations, of_power, of_states, of_readings, run.scored)
 
 
 @compiled_once
@@ -266,64 +269,57 @@ def _triangularised(a, rows, columns):
 
 
 @compiled_once
-def _filter(
-    first,
-    H,
-    Y,
-    R,
-    transitions,
-    inputs,
-    spacing,
-    start_root,
-    start_mean,
-    kicks,
-    power,
-    innovations,
-    variances,
-    gains,
-    roots,
-    means,
-):
+def _taken_in(some, S, C, H, Y, R, f, innovations, variances, gains):
+    """Take in some readings (first and last + 1) one by one by Potter's update. It changes the root S (N, N) of the
+    covariance and the means C (N, c). The last three are filled; f (N,) is for work."""
+    N, columns = C.shape
+    for j in range(some[0], some[1]):
+        square = R[j]
+        f[:] = 0.0
+        for b in range(N):
+            if H[j, b] != 0.0:
+                for a in range(N):
+                    f[a] += S[b, a] * H[j, b]
+        for a in range(N):
+            square += f[a] * f[a]
+        shrink = 1.0 / (1.0 + np.sqrt(R[j] / square))
+        for a in range(N):
+            g = 0.0
+            for b in range(N):
+                g += S[a, b] * f[b]
+            gains[j, a] = g / square
+        for a in range(N):
+            for b in range(N):
+                S[a, b] -= shrink * gains[j, a] * f[b]
+        for c in range(columns):
+            innovations[j, c] = Y[j, c]
+        for a in range(N):
+            if H[j, a] != 0.0:
+                for c in range(columns):
+                    innovations[j, c] -= H[j, a] * C[a, c]
+        for a in range(N):
+            for c in range(columns):
+                C[a, c] += gains[j, a] * innovations[j, c]
+        variances[j] = square
+
+
+@compiled_once
+def _filter(first, H, Y, R, way, S, C, power, readings, roots, means):
+    """Filter from the root S (N, N) and the means C (N, c) at the first node; ``way`` = (transitions, inputs, spacing,
+    kicks) and ``readings`` = (innovations, variances, gains), ``roots`` and ``means`` are filled."""
+    transitions, inputs, spacing, kicks = way
+    innovations, variances, gains = readings
     n, N = transitions.shape[0], transitions.shape[1]
     columns = Y.shape[1]
-    S, C = start_root.copy(), start_mean.copy()
     shaken = np.flatnonzero(power > 0.0)
     kicked = np.flatnonzero(kicks.sum(axis=0) > 0.0)
     end = N + 2 * shaken.size + kicked.size
-    f, wide = np.empty(N), np.zeros((N, end))
-    moved = np.empty((N, columns))
+    f, wide, moved = np.empty(N), np.zeros((N, end)), np.empty((N, columns))
     for k in range(n):
         if len(roots) == n:
             roots[k] = S
             means[k] = C
-        for j in range(first[k], first[k + 1]):
-            square = R[j]
-            f[:] = 0.0
-            for b in range(N):
-                if H[j, b] != 0.0:
-                    for a in range(N):
-                        f[a] += S[b, a] * H[j, b]
-            for a in range(N):
-                square += f[a] * f[a]
-            shrink = 1.0 / (1.0 + np.sqrt(R[j] / square))
-            for a in range(N):
-                g = 0.0
-                for b in range(N):
-                    g += S[a, b] * f[b]
-                gains[j, a] = g / square
-            for a in range(N):
-                for b in range(N):
-                    S[a, b] -= shrink * gains[j, a] * f[b]
-            variances[j] = square
-            for c in range(columns):
-                innovations[j, c] = Y[j, c]
-            for a in range(N):
-                if H[j, a] != 0.0:
-                    for c in range(columns):
-                        innovations[j, c] -= H[j, a] * C[a, c]
-            for a in range(N):
-                for c in range(columns):
-                    C[a, c] += gains[j, a] * innovations[j, c]
+        _taken_in((first[k], first[k + 1]), S, C, H, Y, R, f, innovations, variances, gains)
         if k == n - 1:
             break
         F = transitions[k]
@@ -342,9 +338,7 @@ def _filter(
         C[:] = moved
         if end > N:
             T = spacing[k]
-            for a in range(N):
-                for b in range(N, end):
-                    wide[a, b] = 0.0
+            wide[:, N:] = 0.0
             for i, c in enumerate(shaken):
                 r = np.sqrt(power[c])
                 wide[c, N + 2 * i] = r * np.sqrt(T * T * T / 3.0)
@@ -353,45 +347,56 @@ def _filter(
             for i, a in enumerate(kicked):
                 wide[a, N + 2 * shaken.size + i] = np.sqrt(kicks[k, a])
             _triangularised(wide, N, end)
-        for a in range(N):
-            for b in range(N):
-                S[a, b] = wide[a, b]
+        S[:] = wide[:, :N]
 
 
 @compiled_once
-def _smoother(
-    first,
-    H,
-    R,
-    transitions,
-    lasting,
-    kicks,
-    nu,
-    variances,
-    gains,
-    roots,
-    mean,
-    deviations,
-    adjoint,
-    found,
-    expected,
-    of_states,
-    of_readings,
-):
+def _given_back(some, lam, info, H, R, nu, variances, gains, work, of_readings):
+    """Take the adjoint λ (N,) and its information Λ (N, N) back over some readings (first and last + 1), the last
+    first: Λ ← h hᵀ/s + (I − K hᵀ)ᵀ Λ (I − K hᵀ). ``of_readings`` is filled, ``work`` (N,) is for work."""
+    N = len(lam)
+    for j in range(some[1] - 1, some[0] - 1, -1):
+        along = nu[j] / variances[j]
+        for a in range(N):
+            along -= gains[j, a] * lam[a]
+        for a in range(N):
+            lam[a] += H[j, a] * along
+        curved = 1.0 / variances[j]
+        for a in range(N):
+            total = 0.0
+            for i in range(N):
+                total += info[a, i] * gains[j, i]
+            work[a] = total
+            curved += total * gains[j, a]
+        for a in range(N):
+            if H[j, a] != 0.0:
+                for b in range(N):
+                    info[a, b] -= H[j, a] * work[b]
+                    info[b, a] -= H[j, a] * work[b]
+                    info[a, b] += H[j, a] * H[j, b] * curved
+        of_readings[0, j], of_readings[1, j] = R[j] * along * along, R[j] * curved
+
+
+@compiled_once
+def _smoother(first, H, R, way, forward, roots, mean, deviations, of_power, of_states, of_readings):
+    """Bryson and Frazier's smoother; ``way`` = (transitions, spacing by coordinate, kicks) and ``forward`` =
+    (innovations, their variances, gains) of the filter. The last four are filled; see `Smoothed`."""
+    transitions, lasting, kicks = way
+    nu, variances, gains = forward
     n, N = transitions.shape[0], transitions.shape[1]
     lam, before = np.zeros(N), np.zeros(N)
     info, half = np.zeros((N, N)), np.zeros((N, N))
     for k in range(n - 1, -1, -1):
         if k < n - 1:
-            F = transitions[k]
             for c in range(4):  # the adjoint is that of node k + 1
                 T = lasting[k, c]
                 a, b, d = T * T * T / 3.0, T * T, T
-                found[c] += a * lam[c] * lam[c] + b * lam[c] * lam[4 + c] + d * lam[4 + c] * lam[4 + c]
-                expected[c] += a * info[c, c] + b * info[c, 4 + c] + d * info[4 + c, 4 + c]
+                of_power[0, c] += a * lam[c] * lam[c] + b * lam[c] * lam[4 + c] + d * lam[4 + c] * lam[4 + c]
+                of_power[1, c] += a * info[c, c] + b * info[c, 4 + c] + d * info[4 + c, 4 + c]
             for a in range(N):
                 of_states[0, a] += kicks[k, a] * lam[a] * lam[a]
                 of_states[1, a] += kicks[k, a] * info[a, a]
+            F = transitions[k]  # λ ← Fᵀ λ, Λ ← Fᵀ Λ F
             for a in range(N):
                 before[a] = 0.0
                 for i in range(N):
@@ -408,29 +413,7 @@ def _smoother(
                     for i in range(N):
                         total += F[i, a] * half[i, b]
                     info[a, b] = total
-        for j in range(first[k + 1] - 1, first[k] - 1, -1):
-            along = nu[j] / variances[j]
-            for a in range(N):
-                along -= gains[j, a] * lam[a]
-            for a in range(N):
-                lam[a] += H[j, a] * along
-            # Λ ← h hᵀ/s + (I − K hᵀ)ᵀ Λ (I − K hᵀ)
-            curved = 1.0 / variances[j]
-            for a in range(N):
-                total = 0.0
-                for i in range(N):
-                    total += info[a, i] * gains[j, i]
-                before[a] = total
-                curved += total * gains[j, a]
-            of_readings[0, j], of_readings[1, j] = R[j] * along * along, R[j] * curved
-            for a in range(N):
-                if H[j, a] != 0.0:
-                    for b in range(N):
-                        info[a, b] -= H[j, a] * before[b]
-                        info[b, a] -= H[j, a] * before[b]
-                        info[a, b] += H[j, a] * H[j, b] * curved
-        for a in range(N):
-            adjoint[k, a] = lam[a]
+        _given_back((first[k], first[k + 1]), lam, info, H, R, nu, variances, gains, before, of_readings)
         for a in range(N):
             total = 0.0
             for b in range(N):

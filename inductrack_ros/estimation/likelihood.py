@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .kalman import Filtered, LinearRun, Smoothed, log_determinant, run_filter, run_smoother
-from .linear import pieces, read
 from .problem import STATE_PRIOR, Problem
-from .processes import Process, augmented, resized, told, variances
+from .processes import Process, augmented, of_variances, resized, variances
+from .run_model import RunModel
 from .structure import Structure
 
 #: Greatest power of the disturbances (m²/s³, rad²/s³).
@@ -59,7 +59,7 @@ class Evidence:
     covariance: np.ndarray
 
 
-def weigh(
+def evidence_of(
     problem: Problem, structure: Structure, systems: Sequence[LinearRun], theta: np.ndarray, power: np.ndarray
 ) -> Evidence:
     """The likelihood of linear runs at a power of the disturbances, theta's best step (g,) within its bounds, and its
@@ -112,7 +112,7 @@ def _bounded(A: np.ndarray, b: np.ndarray, theta: np.ndarray, structure: Structu
 
 
 @dataclass(frozen=True)
-class Settled:
+class MostLikely:
     """Linear runs with the disturbances that suit them: their power (4,) and processes, what the data say there, where
     they lead, and by how much other variances would lower the deviance (``to_gain``)."""
 
@@ -126,9 +126,9 @@ class Settled:
     to_gain: float
 
 
-def settle(
+def maximise_evidence(
     problem: Problem, structure: Structure, plain: Sequence[LinearRun], point: Point, passes: int, follow: bool = False
-) -> Settled:
+) -> MostLikely:
     """The disturbances' power and the processes' sizes that make linear runs about a point most likely.
 
     A fixed-point iteration of all variances in their logarithm (MacKay 1992), its steps lengthened as the last two tell
@@ -139,12 +139,12 @@ def settle(
     n_states = plain[0].transitions.shape[1]
     for left in reversed(range(passes)):
         systems = tuple(problem.for_runs(lambda i, p=processes: augmented(problem, structure, i, plain[i], p)))
-        evidence = weigh(problem, structure, systems, point.theta, power)
+        evidence = evidence_of(problem, structure, systems, point.theta, power)
         smooth = tuple(problem.for_runs(lambda i, s=systems, e=evidence: run_smoother(s[i], e.filtered[i], e.step)))
         here = np.concatenate([power, variances(processes)])
-        found, expected = shown(problem, processes, power, smooth, n_states)
+        found, expected = found_and_expected(problem, processes, power, smooth, n_states)
         ratio = np.clip(np.log(found) - np.log(expected), -50.0, 50.0)
-        there = likelier(here, ratio, before)
+        there = next_variances(here, ratio, before)
         told_of = moving & (expected[:4] > UNTOLD)
         next_power = np.where(told_of, np.clip(there[:4], NO_POWER, ROUGHEST), NO_POWER)
         next_processes = resized(processes, there[4:])
@@ -154,29 +154,29 @@ def settle(
         power, processes, before, last = next_power, next_processes, (here, ratio), evidence.deviance
     movable = ~np.isclose(there, here, rtol=1e-6, atol=0.0)  # what is at its least or most stays
     gain = to_gain(found[movable], expected[movable])
-    return Settled(power, processes, systems, evidence, smooth, next_power, next_processes, gain)
+    return MostLikely(power, processes, systems, evidence, smooth, next_power, next_processes, gain)
 
 
-def shown(
+def found_and_expected(
     problem: Problem, processes: Sequence[Process], power: np.ndarray, smooth: Sequence[Smoothed], n_states: int
 ) -> np.ndarray:
     """What the data show of each disturbance and process, and what its variance would make them show, (2, 4 + p); equal
     at the likeliest. The second is how many of its values the data tell."""
-    of_power = np.array([np.sum([getattr(s, name) for s in smooth], axis=0) for name in ("found", "expected")]) * power
-    of_processes = told(problem, processes, smooth, n_states)
+    of_power = np.sum([s.of_power for s in smooth], axis=0) * power
+    of_processes = of_variances(problem, processes, smooth, n_states)
     return np.maximum(np.concatenate([of_power, of_processes], axis=1), UNTOLD)
 
 
 def to_gain(found: np.ndarray, expected: np.ndarray) -> float:
     """By how much the likeliest variances would lower the deviance, as those of n values would: n (r − 1 − log r) for a
-    ratio r of `shown`. No more than n (1 − r) where they fall: what is told of a variance falls with it."""
+    ratio r of found to expected. No more than n (1 − r) where they fall: what is told of a variance falls with it."""
     r = np.clip(found / expected, 1e-50, 1e50)
     return float(np.sum(expected * np.where(r < 1.0, np.minimum(1.0 - r, r - 1.0 - np.log(r)), r - 1.0 - np.log(r))))
 
 
-def likelier(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """Variances nearer to the likeliest from the log of their ratio in `shown`, and that ``before`` at others, where
-    there was one."""
+def next_variances(values: np.ndarray, ratio: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """Variances nearer to the likeliest from the log ``ratio`` of found to expected, and that ``before`` at others,
+    where there was one."""
     reach = np.where(ratio < FAR_ABOVE, REACH, 1.0)
     if before is not None:
         moved, change = np.log(values / before[0]), before[1] - ratio
@@ -199,33 +199,23 @@ class Misses:
 Beside = tuple[np.ndarray, np.ndarray]
 
 
-def misses(
-    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, beside: Beside
-) -> Misses:
-    """What run i leaves on a trajectory (n, N); ``beside`` is what processes add to its readings (m,) and to the way to
+def misses(run: RunModel, theta: np.ndarray, path: np.ndarray, beside: Beside) -> Misses:
+    """What a run leaves on a trajectory (n, N); ``beside`` is what processes add to its readings (m,) and to the way to
     the next node (n, N)."""
-    data = problem.runs[i]
-    outputs, ends = pieces(problem, structure, i, theta[None], np.zeros((1, path.shape[1])), path)
+    data = run.data
+    outputs, ends = run.pieces(path, theta[None])
     if not np.isfinite(ends).all():
         outputs, ends = np.full_like(outputs, np.inf), np.full_like(ends, np.inf)
-    left = (data.y - read(problem, structure, i, outputs, theta[None])[0]) / problem.sigma[data.channel]
+    left = (data.y - run.read(outputs, theta[None])[0]) / run.sigma
     defects = path[1:, :8] - ends[:-1, 0, :8] - beside[1][:-1, :8]
     free = data.free_states
     return Misses(left - beside[0], defects, path[0, free] - data.guess[free])
 
 
-def promised(
-    problem: Problem,
-    structure: Structure,
-    i: int,
-    system: LinearRun,
-    step: np.ndarray,
-    moved: np.ndarray,
-    beside: Beside,
-) -> Misses:
+def linear_misses(run: RunModel, system: LinearRun, step: np.ndarray, moved: np.ndarray, beside: Beside) -> Misses:
     """What the linear run (without the processes' states) says of `misses` after a step of theta and of the states
     (n, A)."""
-    data, active = problem.runs[i], structure.model.active_states
+    data, active = run.data, run.model.active_states
     node = np.repeat(np.arange(len(moved)), np.diff(system.first))
     left = system.data[:, 0] + system.data[:, 1:] @ step
     left = left - np.einsum("ma,ma->m", system.sensitivity, moved[node]) - beside[0]

@@ -4,16 +4,15 @@ histories."""
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
-from ..core.effects.stand_in import entries
+from ..core.effects.stand_in import VARIABLES, entries
 from ..core.model import Model
-from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOTION, STATES
+from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, STATES
 from .kalman import Columns, LinearRun
-from .problem import GRID, STATE_PRIOR, Problem, RunData
-from .response import STATE_STEPS, VARIABLES
+from .problem import GRID, STATE_PRIOR, RunData
+from .response import STATE_STEPS
+from .run_model import RunModel
 from .structure import Structure
 
 #: Step of a parameter's difference, in typical sizes; of an effect's state, relative to it.
@@ -24,34 +23,23 @@ SMALL = 1e-4
 NEARLY_TOUCHING = 3e-4
 
 
-class Fitted(Protocol):
-    """What a fit has: its structure, theta (g,) and a trajectory (n, N) for each run."""
-
-    @property
-    def structure(self) -> Structure: ...
-    @property
-    def theta(self) -> np.ndarray: ...
-    @property
-    def paths(self) -> tuple[np.ndarray, ...]: ...
-
-
-def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> LinearRun:
-    """Run i about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it. Its states
+def linearise(run: RunModel, theta: np.ndarray, path: np.ndarray) -> LinearRun:
+    """A run about a trajectory (n, N): residuals and defects in column 0, derivatives by theta behind it. Its states
     are the active ones."""
-    data, model = problem.runs[i], structure.model
+    problem, structure, data, model = run.problem, run.structure, run.data, run.model
     active = model.active_states
     n, A, g = len(path), len(active), len(theta)
     steps = np.where(theta + THETA_STEP <= structure.bounds[1], THETA_STEP, -THETA_STEP)
-    single, of_sensors, _ = _kinds(structure)
+    single, of_sensors = _kinds(structure)
     thetas = np.vstack([np.tile(theta, (1 + A, 1)), theta + np.diag(steps)[single]])
     by_state = np.concatenate(
         [STATE_STEPS, CARRIED_STEP * np.maximum(1.0, np.abs(path[:, active[8:]]).max(axis=0, initial=0.0))]
     )
     offsets = np.zeros((len(thetas), path.shape[1]))
     offsets[1 + np.arange(A), active] = by_state
-    outputs, ends = pieces(problem, structure, i, thetas, offsets, path)
-    readings, ends = read(problem, structure, i, outputs, thetas), ends[:, :, active]
-    weight = 1.0 / problem.sigma[data.channel]
+    outputs, ends = run.pieces(path, thetas, offsets)
+    readings, ends = run.read(outputs, thetas), ends[:, :, active]
+    weight = 1.0 / run.sigma
     y, inputs = np.zeros((len(data.y), 1 + g)), np.zeros((n, A, 1 + g))
     y[:, 0], inputs[:-1, :, 0] = (data.y - readings[0]) * weight, ends[:-1, 0] - path[1:, active]
     places = [1 + k for k in single]
@@ -59,12 +47,12 @@ def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray,
     inputs[:, :, places] = ((ends[:, 1 + A :] - ends[:, :1]) / steps[single][:, None]).transpose(0, 2, 1)
     for k in of_sensors:
         moved = theta + steps * (np.arange(g) == k)
-        y[:, 1 + k] = -(read(problem, structure, i, outputs[:, :1], moved[None])[0] - readings[0]) * weight / steps[k]
+        y[:, 1 + k] = -(run.read(outputs[:, :1], moved[None])[0] - readings[0]) * weight / steps[k]
     for effect, mine in structure.tables.items():
-        table = force_columns(data, problem.sigma, model, _table_forces(problem, structure, i, theta, path, effect))
+        table = force_columns(data, problem.sigma, model, _table_forces(run, theta, path, effect))
         y[:, [1 + k for k in mine]], inputs[:, :, [1 + k for k in mine]] = -table.data, table.inputs
     sensitivity = ((readings[1 : 1 + A] - readings[0]) * weight).T / by_state
-    late = _late(problem, structure, i, outputs, theta, readings, by_state) * weight[:, None]
+    late = _late(run, outputs, theta, readings, by_state) * weight[:, None]
     sensitivity[:, 4:8] += late
     # A late sensor's first readings are of before the run.
     known = np.isfinite(y).all(axis=1) & np.isfinite(sensitivity).all(axis=1)
@@ -72,12 +60,12 @@ def linearise(problem: Problem, structure: Structure, i: int, theta: np.ndarray,
     sensitivity[~known] = 0.0
     y[~known] = 0.0
     y[~known, 0] = 1.0
-    root, mean = _start(problem, structure, i, theta, path[0], 1 + g)
+    root, mean = _start(run, theta, path[0], 1 + g)
     return LinearRun(
         np.searchsorted(data.row, np.arange(n + 1)),
         sensitivity,
         y,
-        problem.variance(i),
+        problem.variance(run.i),
         (ends[:, 1 : 1 + A] - ends[:, :1]).transpose(0, 2, 1) / by_state,
         inputs,
         np.append(np.diff(data.grid), 0.0),
@@ -98,27 +86,21 @@ def _struck(data: RunData) -> np.ndarray:
 
 
 def _late(
-    problem: Problem,
-    structure: Structure,
-    i: int,
-    outputs: np.ndarray,
-    theta: np.ndarray,
-    readings: np.ndarray,
-    by_state: np.ndarray,
+    run: RunModel, outputs: np.ndarray, theta: np.ndarray, readings: np.ndarray, by_state: np.ndarray
 ) -> np.ndarray:
     """What a rate of each coordinate adds to readings (m, 4) of sensors that look at another moment than that of their
     stamp.
 
     A reading of the coordinate δ ago is less by δ times its rate. A ramp through the run tells δ: it reads as the time
     less δ."""
-    data = problem.runs[i]
+    data = run.data
     found = np.zeros((len(data.y), 4))
-    if not structure.sensors.channels:
+    if not run.structure.sensors.channels:
         return found
     for c in range(4):
         apart = outputs[:, 1 + c] - outputs[:, 0]
         ramp = outputs[:, 0] + apart * (data.grid / max(data.grid[-1], GRID))[:, None]
-        moved = (read(problem, structure, i, ramp[:, None], theta[None])[0] - readings[0]) * max(data.grid[-1], GRID)
+        moved = (run.read(ramp[:, None], theta[None])[0] - readings[0]) * max(data.grid[-1], GRID)
         found[:, c] = (moved - (readings[1 + c] - readings[0]) * data.time) / by_state[c]
     return np.nan_to_num(found)
 
@@ -132,73 +114,69 @@ def _touching(model: Model, outputs: np.ndarray) -> np.ndarray:
     return near | np.append(near[1:], False)
 
 
-def near_track(problem: Problem, structure: Structure, i: int, path: np.ndarray) -> np.ndarray:
-    """Whether the cradle touches the track at a node of a trajectory (n, N) of run i or at the next, (n,)."""
-    none = np.zeros((1, len(structure.free)))
-    outputs, _ = forced(problem, structure, i, none, path, np.zeros(len(path)))
-    return _touching(structure.model, outputs[:, 0])
+def near_track(run: RunModel, path: np.ndarray) -> np.ndarray:
+    """Whether the cradle touches the track at a node of a trajectory (n, N) or at the next, (n,)."""
+    outputs, _ = run.forced(path, np.zeros((1, len(run.structure.free))), np.zeros(len(path)))
+    return _touching(run.model, outputs[:, 0])
 
 
-def _kinds(structure: Structure) -> tuple[list[int], list[int], list[int]]:
-    """Indices in theta of the plant's single parameters, of the sensors' and of the tables' entries."""
-    tabled = sorted(k for mine in structure.tables.values() for k in mine)
+def _kinds(structure: Structure) -> tuple[list[int], list[int]]:
+    """Indices in theta of the plant's single parameters and of the sensors'; the rest are entries of tables."""
+    tabled = {k for mine in structure.tables.values() for k in mine}
     single = [k for k, column in enumerate(structure.columns) if column is not None and k not in tabled]
-    return single, [k for k, column in enumerate(structure.columns) if column is None], tabled
+    return single, [k for k, column in enumerate(structure.columns) if column is None]
 
 
-def _table_forces(
-    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, effect: str
-) -> np.ndarray:
+def _table_forces(run: RunModel, theta: np.ndarray, path: np.ndarray, effect: str) -> np.ndarray:
     """Force histories (n, 4, l) of the entries of a stand-in's table, each of its typical size, along a trajectory."""
+    structure = run.structure
     values, mine = structure.model.effects[effect], structure.tables[effect]
-    forces = entries(values, histories(problem.runs[i], path), len(mine)) * structure.scale[mine]
-    return acting(problem, structure, i, theta, path, effect.removeprefix("stand_in_"), forces)
+    forces = entries(values, histories(run.data, path), len(mine)) * structure.scale[mine]
+    return acting(run, theta, path, effect.removeprefix("stand_in_"), forces)
 
 
-def acting(
-    problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray, on: str, shapes: np.ndarray
-) -> np.ndarray:
+def acting(run: RunModel, theta: np.ndarray, path: np.ndarray, on: str, shapes: np.ndarray) -> np.ndarray:
     """Force histories (n, 4, l) of shapes (n, l) that act on a coordinate (N, N·m), or on the thrust (shares of it)."""
     forces = np.zeros((len(path), 4, shapes.shape[1]))
     if on == "thrust":
-        forces[:, 0] = mean_thrust(problem, structure, i, theta, path)[:, None] * shapes
+        forces[:, 0] = mean_thrust(run, theta, path)[:, None] * shapes
     else:
         forces[:, COORDINATES.index(on)] = shapes
     return forces
 
 
-def mean_thrust(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
+def mean_thrust(run: RunModel, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Thrust (n,) of each piece of a trajectory, N, averaged over it: what a small relative change of γ would bring.
 
     Shares of the thrust in a stand-in's table are left out, for they are shares of what is there without them."""
     plain = theta.copy()
-    plain[structure.tables.get("stand_in_thrust", [])] = 0.0
-    free, thetas = _thrust_changed(structure, plain)
-    _, ends = pieces(problem, free, i, thetas, np.zeros((2, path.shape[1])), path)
-    T = np.diff(problem.runs[i].grid)
-    thrust = structure.model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (SMALL * T)
+    plain[run.structure.tables.get("stand_in_thrust", [])] = 0.0
+    free, thetas = _thrust_changed(run, plain)
+    _, ends = free.pieces(path, thetas)
+    thrust = run.model.parameters["mass"] * (ends[:-1, 1, 4] - ends[:-1, 0, 4]) / (SMALL * np.diff(run.data.grid))
     return np.append(thrust, thrust[-1:])
 
 
-def mean_pulse(problem: Problem, structure: Structure, i: int, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
+def mean_pulse(run: RunModel, theta: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Current (n,) of the pulses that burn during each piece of a trajectory, averaged over it, A: what they do over
     what one ampere would. Of an averaged drive, what flows beyond the run's current."""
-    data = problem.runs[i]
+    data = run.data
     if data.averaged:
         beyond = data.drive - data.run.drive_current
         return 0.5 * (beyond + np.append(beyond[1:], beyond[-1]))
-    free, thetas = _thrust_changed(structure, theta)
-    _, ends = pieces(problem, free, i, thetas, np.zeros((2, path.shape[1])), path)
-    _, one = forced(problem, free, i, thetas, path, np.ones(len(path)))
+    free, thetas = _thrust_changed(run, theta)
+    _, ends = free.pieces(path, thetas)
+    _, one = free.forced(path, thetas, np.ones(len(path)))
     did, would = ends[:, 1, 4] - ends[:, 0, 4], one[:, 1, 4] - one[:, 0, 4]
     return np.divide(did, would, out=np.zeros(len(path)), where=would > 0.0)
 
 
-def _thrust_changed(structure: Structure, theta: np.ndarray) -> tuple[Structure, np.ndarray]:
-    """A structure in which γ alone is free, and two rows of its theta: γ as it is and larger by the share `SMALL`."""
-    free = Structure(structure.with_theta(theta), ("gamma",))
-    larger = free.encode([structure.with_theta(theta).parameters["gamma"] * (1 + SMALL)])
-    return free, np.vstack([free.start, larger])
+def _thrust_changed(run: RunModel, theta: np.ndarray) -> tuple[RunModel, np.ndarray]:
+    """The run with γ alone free, and two rows of its theta: γ as it is and larger by the share `SMALL`."""
+    model = run.structure.with_theta(theta)
+    free = Structure(model, ("gamma",))
+    larger = free.encode([model.parameters["gamma"] * (1 + SMALL)])
+    return RunModel(run.problem, free, run.i), np.vstack([free.start, larger])
 
 
 def histories(data: RunData, path: np.ndarray) -> dict[str, np.ndarray]:
@@ -222,79 +200,17 @@ def force_columns(data: RunData, sigma: np.ndarray, model: Model, forces: np.nda
     return Columns(inputs, change)
 
 
-def pieces(
-    problem: Problem,
-    structure: Structure,
-    i: int,
-    thetas: np.ndarray,
-    offsets: np.ndarray,
-    path: np.ndarray,
-    some: slice = slice(None),
-) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (n, jobs, 15) at each node and states (n, jobs, N) at the next, of the trajectory moved by each job's
-    offsets and theta. With ``some`` these are at some neighbouring nodes, of which the last is no piece."""
-    data, model = problem.runs[i], structure.model
-    P = problem.vectors(structure, i, thetas)
-    grid, nodes = data.grid[some], np.ascontiguousarray(path[some])
-    outputs, ends = np.empty((len(nodes), len(offsets), problem.width)), np.empty((len(nodes), *offsets.shape))
-    model.kernel.linearise_pieces(
-        grid, nodes, offsets, P, model.switches, model.moving, float(path[0, 0]), data.averaged, *data.pulses, 1.0,
-        outputs, ends,
-    )  # fmt: skip
-    return outputs, ends
-
-
-def next_state(problem: Problem, model: Model, i: int, P: np.ndarray, path: np.ndarray, k: int) -> np.ndarray:
-    """The state (N,) that the model flies to at node k + 1 of run i from that at node k of a trajectory (n, N), under
-    a row of P (1, p)."""
-    data, x, row = problem.runs[i], path[k : k + 1].copy(), np.empty((1, 1, len(MOTION)))
-    model.kernel.simulate_batch(
-        data.grid[k + 1 : k + 2], float(data.grid[k]), x, P, model.switches[None], model.moving, path[:1, 0].copy(),
-        data.averaged, *data.pulses, 1.0, row,
-    )  # fmt: skip
-    return x[0]
-
-
-def forced(
-    problem: Problem, structure: Structure, i: int, thetas: np.ndarray, path: np.ndarray, pulses: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (n, jobs, 15) at each node, and what the accelerations at both ends of a piece do to places and rates
-    until the next (n, jobs, 8), for each theta; ``pulses`` (n,) as `mean_pulse` gives them."""
-    data, model = problem.runs[i], structure.model
-    P = problem.vectors(structure, i, thetas)
-    outputs, changes = np.empty((len(path), len(P), problem.width)), np.empty((len(path), len(P), 8))
-    model.kernel.forced_pieces(
-        data.grid, np.ascontiguousarray(path), P, model.switches, model.moving, float(path[0, 0]), data.averaged,
-        pulses, *data.pulses, outputs, changes,
-    )  # fmt: skip
-    return outputs, changes
-
-
-def outputs_of(problem: Problem, fit: Fitted, i: int) -> np.ndarray:
-    """Outputs (n, 15) at the nodes of a fit's run i."""
-    return pieces(problem, fit.structure, i, fit.theta[None], np.zeros((1, fit.paths[i].shape[1])), fit.paths[i])[0][
-        :, 0
-    ]
-
-
-def read(problem: Problem, structure: Structure, i: int, outputs: np.ndarray, thetas: np.ndarray) -> np.ndarray:
-    """What the sensors read, (jobs, m), from the nodes' outputs (n, jobs, 15)."""
-    return problem.predict(structure, i, thetas, np.ascontiguousarray(outputs.transpose(1, 0, 2)))
-
-
-def _start(
-    problem: Problem, structure: Structure, i: int, theta: np.ndarray, x: np.ndarray, columns: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _start(run: RunModel, theta: np.ndarray, x: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
     """A square root (A, A) of the initial state's covariance and the mean (A, c) of its deviation from x, over the
     active states."""
-    data, model = problem.runs[i], structure.model
+    data, model = run.data, run.model
     active = model.active_states
     root, mean = np.zeros((len(x), len(x))), np.zeros((len(x), columns))
     free = data.free_states
     root[free, free] = STATE_PRIOR[free]
     mean[:8, 0] = data.guess - x[:8]
     if model.carries_states:
-        P, pulses = problem.vectors(structure, i, theta[None])[0], None if data.averaged else data.pulses
+        P, pulses = run.vectors(theta[None])[0], data.fired
         begun = model.with_effect_states(x, P=P, pulses=pulses)
         for s in free:
             moved = x.copy()

@@ -19,7 +19,8 @@ from ..core.parameters import PARAMETERS, Parameter
 from ..core.state import UNITS
 from ..data.campaign import Campaign
 from ..data.small_table import read_small_table
-from .fit import fit, fit_from_scratch
+from .fit import fit
+from .horizons import fit_from_scratch
 from .problem import STATE_PRIOR, Problem
 from .structure import Structure
 

@@ -9,6 +9,7 @@ are one batch; runs are spread over threads, for the compiled code releases the 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,6 +31,8 @@ from .structure import Structure
 GRID = 2.5e-3
 #: Step of the parameters' differences, in typical sizes.
 THETA_STEP = 2e-3
+#: Signs of a central difference.
+BOTH_SIDES = (1.0, -1.0)
 #: Where the differences to both sides are further apart than this part of their sum, a derivative is the smaller of the
 #: two.
 JUMP = 0.8
@@ -53,6 +56,11 @@ class RunData:
     pulses: tuple[np.ndarray, np.ndarray, np.ndarray]  # as the kernel takes them; see `_measured_current`
     averaged: bool
     contact: np.ndarray | None = None  # grid points at which a run is in contact, see `Problem.with_contacts`
+
+    @property
+    def fired(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """The single pulses that drive the run; None of an averaged drive."""
+        return None if self.averaged else self.pulses
 
     @property
     def drive(self) -> np.ndarray:
@@ -88,13 +96,14 @@ def _widened(data: RunData, touching: np.ndarray) -> np.ndarray:
 def lay_out(run: Run, model: Model, channels: Sequence[str], dof: Dof) -> RunData:
     """Prepare one run. Raises `InputError` where the speed cannot be had from anything measured or given."""
     measured = run.measured
-    rows = np.flatnonzero(measured.any(axis=1))
     times = run.times
-    parts = [times[rows]]
-    for a, b in zip(times[rows][:-1], times[rows][1:], strict=True):
-        if b - a > GRID:
-            parts.append(np.linspace(a, b, int(np.ceil((b - a) / GRID)) + 1)[1:-1])
-    grid = np.unique(np.concatenate([[0.0], *parts]))
+    known = times[measured.any(axis=1)]
+    between = [
+        np.linspace(a, b, int(np.ceil((b - a) / GRID)) + 1)[1:-1]
+        for a, b in zip(known[:-1], known[1:], strict=True)
+        if b - a > GRID
+    ]
+    grid = np.unique(np.concatenate([[0.0], known, *between]))
     r, c = np.nonzero(measured)
     names = np.array([channels.index(n) for n in run.channels])
     columns = np.array([INDEX[n] for n in run.channels])
@@ -125,12 +134,8 @@ def lay_out(run: Run, model: Model, channels: Sequence[str], dof: Dof) -> RunDat
 def _measured_current(run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,) s and what flowed beyond the run's drive current (m,) A, where it was measured in time, as the
     averaged drive takes them."""
-    times, values = run.inputs["drive_current"]
-    return (
-        np.ascontiguousarray(times, float),
-        np.zeros(len(times)),
-        np.ascontiguousarray(values, float) - run.drive_current,
-    )
+    times, values = (np.ascontiguousarray(a, float) for a in run.inputs["drive_current"])
+    return times, np.zeros(len(times)), values - run.drive_current
 
 
 def _first_guess(run: Run, model: Model, dof: Dof) -> np.ndarray:
@@ -178,33 +183,30 @@ class Problem:
     """All runs of a campaign with the noise of each channel, ready to be predicted and fitted.
 
     ``sigma`` (c,) is the noise by channel in the order of ``channels``; ``runs`` are `RunData`; ``limits`` are the
-    rig's; ``width`` is how many of `state.OUTPUTS` are simulated. A subset of runs is another `Problem` that shares
-    everything (`subset`)."""
+    rig's; ``width`` is how many of `state.OUTPUTS` are simulated; ``variances`` (m,) by run those of its measurements
+    over that of the channel's noise, more than 1 where a reading is worth less (none: 1)."""
 
-    def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float], threads: int | None = None):
+    def __init__(self, campaign: Campaign, model: Model, sigma: Mapping[str, float]):
         self.channels = campaign.channels
         self.dof, self.limits = campaign.dof or model.dof, campaign.limits
         self.model = model if model.dof == self.dof else model.with_changes(dof=self.dof)
         self.sigma = np.array([sigma[c] for c in self.channels])
         self.runs = tuple(lay_out(run, self.model, self.channels, self.dof) for run in campaign.runs)
-        self.threads = Threads(threads)
+        self.threads = Threads()
         self.width = columns_for(self.channels, self.model.known_effects.values())
         self.variances: tuple[np.ndarray, ...] = ()
 
+    def with_changes(self, **changes: object) -> Problem:
+        """The same problem with other attributes; everything else is shared."""
+        other = copy(self)
+        other.__dict__.pop("samples", None)
+        other.__dict__.update(changes)
+        return other
+
     def subset(self, indices: Sequence[int]) -> Problem:
         """The same problem with only some of its runs."""
-        part = object.__new__(Problem)
-        part.__dict__.update(self.__dict__)
-        part.__dict__.pop("samples", None)
-        part.runs = tuple(self.runs[i] for i in indices)
-        part.variances = tuple(self.variances[i] for i in indices) if self.variances else ()
-        return part
-
-    def with_sigma(self, sigma: np.ndarray) -> Problem:
-        """The same problem with other noise levels (c,)."""
-        part = self.subset(range(len(self.runs)))
-        part.sigma = np.asarray(sigma, float)
-        return part
+        variances = tuple(self.variances[i] for i in indices) if self.variances else ()
+        return self.with_changes(runs=tuple(self.runs[i] for i in indices), variances=variances)
 
     def with_contacts(self, touching: Sequence[np.ndarray]) -> Problem:
         """The same problem with contacts that all fits agree on: where one of them touches, (n,) of each run's grid.
@@ -212,9 +214,8 @@ class Problem:
         What is read during these does not count in any fit. So all fits explain the same readings, and their deviances
         compare whatever each says of contacts. When one begins or ends is known to a sample: those beside it go with
         it."""
-        part = self.subset(range(len(self.runs)))
-        part.runs = tuple(replace(r, contact=_widened(r, t)) for r, t in zip(self.runs, touching, strict=True))
-        return part
+        runs = (replace(r, contact=_widened(r, t)) for r, t in zip(self.runs, touching, strict=True))
+        return self.with_changes(runs=tuple(runs))
 
     @cached_property
     def samples(self) -> int:
@@ -222,8 +223,7 @@ class Problem:
         return sum(len(r.y) for r in self.runs)
 
     def variance(self, i: int) -> np.ndarray:
-        """Variance (m,) of run i's measurements over that of the channel's noise: more than 1 where a reading is worth
-        less."""
+        """The ``variances`` (m,) of run i."""
         return self.variances[i] if self.variances else np.ones(len(self.runs[i].y))
 
     @property
@@ -233,9 +233,7 @@ class Problem:
 
     def within(self, horizon: float) -> Problem:
         """The same problem with only the samples up to ``horizon`` (s) of each run."""
-        part = self.subset(range(len(self.runs)))
-        part.runs = tuple(data.within(horizon) for data in self.runs)
-        return part
+        return self.with_changes(runs=tuple(data.within(horizon) for data in self.runs))
 
     def for_runs(self, task: Callable[[int], object]) -> list:
         """``task(i)`` for every run, on the machine's threads, results in order. A trial that leads beyond all numbers
@@ -262,21 +260,13 @@ class Problem:
         on = np.tile(model.switches, (len(states), 1))
         if model.carries_states:
             for j in range(len(x)):
-                x[j] = model.with_effect_states(x[j], P=P[j], pulses=None if data.averaged else data.pulses)
+                x[j] = model.with_effect_states(x[j], P=P[j], pulses=data.fired)
         out = np.empty((len(states), data.grid.size, self.width))
         model.kernel.simulate_batch(
             data.grid, 0.0, x, P, on, model.moving, np.ascontiguousarray(states[:, 0]), data.averaged, *data.pulses,
             1.0, out,
         )  # fmt: skip
         return out
-
-    def response(
-        self, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray, outputs: np.ndarray | None = None
-    ) -> RunResponse:
-        """How run i answers to small forces at a point."""
-        P = self.vectors(structure, i, theta[None])[0]
-        known = self.simulate(structure, i, theta[None], state[None])[0] if outputs is None else outputs
-        return RunResponse(self.runs[i], self.sigma, structure.model, P, known, self.dof)
 
     def predict(
         self, structure: Structure, i: int, thetas: np.ndarray, out: np.ndarray, which: np.ndarray | None = None
@@ -314,44 +304,23 @@ class Problem:
         return self.for_runs(task)
 
     def linearise(
-        self,
-        structure: Structure,
-        theta: np.ndarray,
-        states: Sequence[np.ndarray],
-        reuse: Sequence[Linearisation] | None = None,
-        one_sided: bool = False,
+        self, structure: Structure, theta: np.ndarray, states: Sequence[np.ndarray], sides: Sequence[float] = BOTH_SIDES
     ) -> list[Linearisation]:
-        """Residuals and derivatives of the predictions for each run, by central differences in one batch a run.
+        """Residuals and derivatives of the predictions for each run, by differences in one batch a run.
 
-        ``reuse`` takes the derivatives by the initial states from an earlier linearisation nearby, which saves most of
-        the work. With ``one_sided`` differences those by the initial states cost half; they say where to go, not how
-        well a state is known."""
-        low, high = structure.bounds
-        up = np.minimum(theta + THETA_STEP, high)
-        down = np.maximum(theta - THETA_STEP, low)
-        if reuse is not None:  # a quick look takes one-sided differences
-            down = np.where(up > theta, theta, down)
-        of_states = (1.0,) if one_sided else (1.0, -1.0)
-
-        def task(i: int) -> Linearisation:
-            if reuse is None:
-                return self._linearised(structure, i, (theta, up, down), states[i], of_states)
-            known = self._linearised(structure, i, (theta, up, down), states[i], ())
-            return replace(known, by_state=reuse[i].by_state)
-
-        return self.for_runs(task)
+        ``sides``: the signs by which each free initial state is moved. One costs half; it says where to go, not how
+        well a state is known. Without any there are no derivatives by the states, and those by theta are one-sided."""
+        return self.for_runs(lambda i: self._linearised(structure, i, theta, states[i], sides))
 
     def _linearised(
-        self,
-        structure: Structure,
-        i: int,
-        around: tuple[np.ndarray, np.ndarray, np.ndarray],
-        state: np.ndarray,
-        sides: Sequence[float],
+        self, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray, sides: Sequence[float]
     ) -> Linearisation:
-        """Residuals and derivatives of run i; ``around`` is theta with what it is moved up and down to, ``sides`` the
-        signs by which each free initial state is moved (none: no derivatives by these)."""
-        data, (theta, up, down), tables = self.runs[i], around, structure.tables
+        """Residuals and derivatives of run i."""
+        low, high = structure.bounds
+        up, down = np.minimum(theta + THETA_STEP, high), np.maximum(theta - THETA_STEP, low)
+        if not sides:
+            down = np.where(up > theta, theta, down)
+        data, tables = self.runs[i], structure.tables
         g, free = len(theta), data.free_states if sides else data.free_states[:0]
         single = [k for k in range(g) if not any(k in columns for columns in tables.values())]
         points = [(k, side[k]) for side in (up, down) for k in single if side[k] != theta[k]]
@@ -371,7 +340,7 @@ class Problem:
         ]
         by_theta = np.array(slopes).reshape(g, data.y.size)
         for effect, columns in tables.items():
-            by_theta[columns] = self._table_columns(structure, i, theta, state, out[0], effect, columns) / weight
+            by_theta[columns] = self._table_columns(structure, i, theta, out[0], effect, columns) / weight
         by_state = np.zeros((0, data.y.size))
         if sides:
             steps, ahead, behind = STATE_STEPS[free][:, None], read[moved[0]] - read[0], read[0] - read[moved[-1]]
@@ -390,9 +359,10 @@ class Problem:
         which[apart] = 1 + np.arange(apart.size)
         return out, self.predict(structure, i, thetas, out, which)
 
-    def _table_columns(self, structure, i, theta, state, outputs, effect: str, columns: Sequence[int]) -> np.ndarray:
+    def _table_columns(self, structure, i, theta, outputs, effect: str, columns: Sequence[int]) -> np.ndarray:
         """Derivative (l, m) over noise by a stand-in's table: the response to each of its basis functions."""
-        response = self.response(structure, i, theta, state, outputs)
+        P = self.vectors(structure, i, theta[None])[0]
+        response = RunResponse(self.runs[i], self.sigma, structure.model, P, outputs, self.dof)
         values = structure.model.effects[effect]
         forces = entries(values, response.variables, len(columns)) * structure.scale[columns]
         return response.respond(response.forces(effect.removeprefix("stand_in_"), forces)).T

@@ -22,21 +22,17 @@ from .structure import Structure
 WHITE, NOISY_RUN, COLOURED, HUM, JITTER, RUN_TO_RUN, IMPACT, ROUNDED = (
     "noise_differs", "noisy_run", "coloured_noise", "hum", "time_jitter", "run_to_run", "impact", "quantised"
 )  # fmt: skip
-#: Kinds that are there or not; their size is not sought.
-HELD = (IMPACT, ROUNDED)
-#: States that each kind adds to a run, and parameters that it has to be found.
-STATES = {WHITE: 0, NOISY_RUN: 0, COLOURED: 1, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 0}
-FREEDOM = {WHITE: 1, NOISY_RUN: 1, COLOURED: 2, HUM: 2, JITTER: 1, RUN_TO_RUN: 1, IMPACT: 0, ROUNDED: 0}
-#: A process of this size is none: its share of the noise, s, share of a typical size.
-NONE = {
-    WHITE: 1e-2,
-    NOISY_RUN: 1e-2,
-    COLOURED: 1e-3,
-    HUM: 1e-3,
-    JITTER: 1e-7,
-    RUN_TO_RUN: 1e-6,
-    IMPACT: 1e-6,
-    ROUNDED: 1e-6,
+#: By kind: the states that it adds to a run, the parameters that it has to be found (none: it is there or not, and its
+#: size is not sought), and the size at which it is nothing (share of the noise, s, share of a typical size).
+KINDS = {
+    WHITE: (0, 1, 1e-2),
+    NOISY_RUN: (0, 1, 1e-2),
+    COLOURED: (1, 2, 1e-3),
+    HUM: (2, 2, 1e-3),
+    JITTER: (1, 1, 1e-7),
+    RUN_TO_RUN: (1, 1, 1e-6),
+    IMPACT: (0, 0, 1e-6),
+    ROUNDED: (0, 0, 1e-6),
 }
 #: Size (m/s at each node) of an impact while a fit looks where the runs touch the track, and from then on: small enough
 #: that the normal force stays what the model says, for friction hangs on it; large enough that the nodes of a stiff
@@ -70,9 +66,25 @@ class Process:
     most: float = np.inf
 
     @property
+    def states(self) -> int:
+        """How many states it adds to a run."""
+        return KINDS[self.kind][0]
+
+    @property
+    def freedom(self) -> int:
+        """How many parameters it has to be found; none where it is there or not."""
+        return KINDS[self.kind][1]
+
+    @property
     def gone(self) -> bool:
         """Whether nothing is left of it."""
-        return self.size < 3.0 * NONE[self.kind]
+        return self.size < 3.0 * KINDS[self.kind][2]
+
+    def noisier(self, problem: Problem, data: RunData) -> np.ndarray:
+        """The readings (m,) of a run whose noise it scales."""
+        if self.kind == WHITE:
+            return data.channel == problem.channels.index(self.on)
+        return np.full(len(data.y), self.kind == NOISY_RUN and self.on == data.run.name)
 
 
 def augmented(
@@ -83,23 +95,19 @@ def augmented(
     variance, kicked, y = system.variance.copy(), system.kicks.copy(), system.data.copy()
     blown = np.zeros(len(variance))
     for p in processes:
-        if p.kind == WHITE:
-            variance[data.channel == problem.channels.index(p.on)] *= p.size**2
-        if p.kind == NOISY_RUN and p.on == data.run.name:
-            variance *= p.size**2
+        if p.kind in (WHITE, NOISY_RUN):
+            variance[p.noisier(problem, data)] *= p.size**2
         if p.kind == IMPACT:
             kicked[system.touching, STRUCK] += (p.size * STRUCK_BY) ** 2
             blown += _struck_meanwhile(problem, data, system) @ (p.size * STRUCK_BY) ** 2
         if p.kind == ROUNDED:
             y[:, 0] -= rounding(problem, data, system, p)
     system = replace(system, variance=variance + blown, kicks=kicked, data=y, blown=blown)
-    carrying = [p for p in processes if STATES[p.kind]]
-    if not carrying:
+    blocks = [_block(problem, structure, data, system, p) for p in processes if p.states]
+    if not blocks:
         return system
-    blocks = [_block(problem, structure, data, system, p) for p in carrying]
     n, N, c = system.inputs.shape
-    extra = sum(STATES[p.kind] for p in carrying)
-    wide = N + extra
+    wide = N + sum(p.states for p in processes)
     H = np.hstack([system.sensitivity, *(b.sensitivity for b in blocks)])
     F = np.zeros((n, wide, wide))
     F[:, :N, :N] = system.transitions
@@ -157,7 +165,7 @@ class _Block:
 def _block(problem: Problem, structure: Structure, data: RunData, system: LinearRun, p: Process) -> _Block:
     """The states of one process in one run."""
     n, N = system.inputs.shape[:2]
-    T, m, e = system.spacing, len(data.y), STATES[p.kind]
+    T, m, e = system.spacing, len(data.y), p.states
     known = system.known
     H, F, coupling, kicks = np.zeros((m, e)), np.zeros((n, e, e)), np.zeros((n, N, e)), np.zeros((n, e))
     mine = known & (data.channel == problem.channels.index(p.on)) if p.on in problem.channels else known
@@ -222,32 +230,27 @@ def offsets(system: LinearRun, wide: LinearRun, deviations: np.ndarray) -> tuple
     return readings, np.einsum("nae,ne->na", wide.transitions[:, :N, N:], extra)
 
 
-def told(problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int) -> np.ndarray:
+def of_variances(
+    problem: Problem, processes: Sequence[Process], smooth: Sequence[Smoothed], n_states: int
+) -> np.ndarray:
     """Found and expected (2, p) of each process's variance, over all runs: where they are equal it is the likeliest."""
     result, at = np.zeros((2, len(processes))), n_states
     for k, p in enumerate(processes):
-        if p.kind == WHITE:
-            c = problem.channels.index(p.on)
-            for data, s in zip(problem.runs, smooth, strict=True):
-                result[:, k] += s.of_readings[:, s.counts & (data.channel == c)].sum(axis=1)
-        elif p.kind == NOISY_RUN:
-            for data, s in zip(problem.runs, smooth, strict=True):
-                result[:, k] += s.of_readings[:, s.counts].sum(axis=1) * (data.run.name == p.on)
-        elif p.kind == IMPACT:
+        if not p.freedom:
             result[:, k] = 1.0
+        elif not p.states:
+            for data, s in zip(problem.runs, smooth, strict=True):
+                result[:, k] += s.of_readings[:, s.counts & p.noisier(problem, data)].sum(axis=1)
         else:
-            own = slice(at, at + STATES[p.kind])
-            result[:, k] = sum(s.of_states[:, own].sum(axis=1) for s in smooth)
-            at = own.stop
-        if p.kind in HELD:
-            result[:, k] = 1.0
+            result[:, k] = sum(s.of_states[:, at : at + p.states].sum(axis=1) for s in smooth)
+            at += p.states
     return result
 
 
 def resized(processes: Sequence[Process], variances: np.ndarray) -> tuple[Process, ...]:
     """The processes with other variances (p,)."""
     return tuple(
-        replace(p, size=float(min(max(np.sqrt(v), NONE[p.kind]), p.most)))
+        replace(p, size=float(min(max(np.sqrt(v), KINDS[p.kind][2]), p.most)))
         for p, v in zip(processes, variances, strict=True)
     )
 

@@ -16,8 +16,6 @@ from ..core.cache import compiled_once
 from ..core.kernel import QUANTITIES
 from ..core.state import ACCELERATIONS, COORDINATES, GAPS, INDEX, MOVING, OUTPUTS, STATES, Dof
 
-#: What a missing force may depend on, as `diagnosis.json` names it and in the order of a stand-in's ``variable``.
-VARIABLES = (*STATES, "time", "drive")
 #: Steps of the state's differences, by state: above rounding, and small enough for runs whose errors grow
 #: ten-thousandfold
 STATE_STEPS = np.array([3e-7, 3e-8, 3e-8, 3e-7, 3e-6, 3e-7, 3e-7, 3e-6])
@@ -55,28 +53,14 @@ class RunResponse:
         histories = {s: self.outputs[:, INDEX[s]] for s in STATES}
         return histories | {"time": self.grid, "drive": self.data.drive}
 
-    def measured(self, variable: str) -> np.ndarray:
-        """What the run's sensor saw of a variable, all of the run; empty where it has none."""
-        run = self.data.run
-        return (
-            run.times if variable == "time" else run.samples(variable)[1] if variable in run.channels else np.empty(0)
-        )
-
     def quantities(
         self, names: Sequence[str], offset: np.ndarray | float = 0.0, on: np.ndarray | None = None
     ) -> np.ndarray:
         """Quantities (n, q) of the equations along the run, its states moved by an ``offset`` (8,); ``on`` other
         switches."""
-        model, data = self.model, self.data
-        on = model.switches if on is None else on
-        x, dx, q = (np.zeros(n) for n in (len(model.kernel.states), len(model.kernel.states), len(QUANTITIES)))
-        columns = [QUANTITIES.index(n) for n in names]
-        out = np.zeros((len(self.grid), len(columns)))
-        for k, t in enumerate(self.grid):
-            x[:8] = self.outputs[k, :8] + offset
-            model.kernel.evaluate(t, x, self.P, on, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
-            out[k] = q[columns]
-        return out
+        path = np.zeros((len(self.grid), len(self.model.kernel.states)))
+        path[:, :8] = self.outputs[:, :8] + offset
+        return quantities_along(self.data, self.model, self.P, path, names, on)
 
     def forces(self, acts_on: str, histories: np.ndarray) -> np.ndarray:
         """Force histories (n, 4, l) from those (n, l) of what a stand-in acts on: a coordinate's force, or shares of
@@ -121,6 +105,20 @@ class RunResponse:
         return (ahead - behind) / (2.0 * STATE_STEPS)
 
 
+def quantities_along(
+    data, model, P: np.ndarray, path: np.ndarray, names: Sequence[str], on: np.ndarray | None = None
+) -> np.ndarray:
+    """Quantities (n, q) of the equations along a run's states (n, N); ``on`` other switches than the model's."""
+    on = model.switches if on is None else on
+    dx, q = np.zeros(path.shape[1]), np.zeros(len(QUANTITIES))
+    columns = [QUANTITIES.index(n) for n in names]
+    out = np.zeros((len(path), len(columns)))
+    for k, t in enumerate(data.grid):
+        model.kernel.evaluate(t, path[k].copy(), P, on, model.moving, 0.0, data.averaged, *data.pulses, dx, q)
+        out[k] = q[columns]
+    return out
+
+
 def gap_geometry(model) -> np.ndarray:
     """Derivative (3, 4) of the gaps by the coordinates at small roll, (29)–(34)."""
     c = np.sqrt(0.5)
@@ -142,7 +140,7 @@ def _transitions(data, model, P: np.ndarray, outputs: np.ndarray, dof: Dof) -> n
     x[:, :8] = outputs[:known, :8]
     if model.carries_states:
         for k in range(known):
-            x[k] = model.with_effect_states(x[k], grid[k], P, None if data.averaged else data.pulses, outputs[0, 0])
+            x[k] = model.with_effect_states(x[k], grid[k], P, data.fired, outputs[0, 0])
     offsets = np.zeros((1 + len(moved), n_states))
     offsets[1 + np.arange(len(moved)), moved] = STATE_STEPS[moved]
     out = np.empty((known, len(offsets), 8))

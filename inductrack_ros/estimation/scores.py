@@ -223,10 +223,11 @@ def scores(
 
     def one(i: int) -> list[tuple[np.ndarray, np.ndarray]]:
         wide = widened(systems[i], [parts[i] for parts in named.values()])
-        return [
-            _told(problem, i, augmented(problem, structure, i, wide, background.processes), power)
-            for background, power in asked
-        ]
+        found = []
+        for background, power in asked:
+            w, lot = whitened(problem, i, augmented(problem, structure, i, wide, background.processes), power)
+            found.append((w.T @ w, lot))
+        return found
 
     found, levels = problem.for_runs(one), []
     for k, (background, power) in enumerate(asked):
@@ -236,11 +237,11 @@ def scores(
     return Scores(len(fit.theta), structure.precision, pull, places, tuple(levels), np.concatenate(limits))
 
 
-def _told(problem: Problem, i: int, system: LinearRun, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The normal equations of all columns of run i at a power, and the tally of its innovations."""
+def whitened(problem: Problem, i: int, system: LinearRun, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All columns of run i whitened at a power, (m, 1 + g + c), 0 where a reading does not count, and the tally of its
+    innovations."""
     filtered = run_filter(system, power, smooth=False)
-    w = filtered.scored(system)
-    return w.T @ w, tally(problem, i, filtered, system)
+    return filtered.scored(system), tally(problem, i, filtered, system)
 
 
 def shares_of(power: np.ndarray, shares: Sequence[float]) -> list[np.ndarray]:

@@ -10,18 +10,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from . import fit as end_to_end
 from .kalman import LinearRun, run_smoother
-from .likelihood import TOLERANCE, Beside, Evidence, Lost, Misses, Point, Settled, cost, misses, promised, settle, weigh
-from .linear import linearise, next_state
+from .likelihood import (
+    TOLERANCE,
+    Beside,
+    Evidence,
+    Lost,
+    Misses,
+    MostLikely,
+    Point,
+    cost,
+    evidence_of,
+    linear_misses,
+    maximise_evidence,
+    misses,
+)
+from .linear import histories, linearise
 from .problem import STATE_PRIOR, Problem
 from .processes import IMPACT, Process, offsets, tightened
+from .run_model import RunModel
 from .start import start
-from .structure import Structure
+from .structure import Fitted, Structure
 
 #: The power a fit starts with, in surge, sway, heave and roll: whatever the model lacks, the trajectories stay on the
 #: data.
@@ -43,7 +56,7 @@ QUIET, FLOWN_STEPS = 1e-8, 15
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Fitted):
     """A structure fitted by multiple shooting.
 
     - theta: (g,); covariance: of theta, (g, g)
@@ -65,21 +78,6 @@ class Fit:
     touching: tuple[np.ndarray, ...] = ()
 
     @property
-    def values(self) -> dict[str, float]:
-        """Fitted parameters by full name."""
-        return self.structure.decode(self.theta)
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Their standard deviations."""
-        return self.structure.spread(self.theta, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
-
-    @cached_property
-    def model(self):
-        """The model with the fitted parameters."""
-        return self.structure.with_theta(self.theta)
-
-    @property
     def lost(self) -> bool:
         """Whether its runs lead beyond all numbers: it explains nothing, and nothing can be asked beside it."""
         return not np.isfinite(self.deviance)
@@ -99,8 +97,18 @@ def linearise_all(problem: Problem, fit: Fit | Point, structure: Structure | Non
     """Every run about a fit's trajectories, without the processes' states. A point needs a ``structure``."""
     chosen = fit.structure if structure is None and isinstance(fit, Fit) else structure
     assert chosen is not None
-    systems = problem.for_runs(lambda i: linearise(problem, chosen, i, fit.theta, fit.paths[i]))
+    systems = problem.for_runs(lambda i: linearise(RunModel(problem, chosen, i), fit.theta, fit.paths[i]))
     return [replace(s, touching=np.zeros_like(s.touching), contact=None) for s in systems] if fit.exact else systems
+
+
+def all_histories(problem: Problem, fit: Fit) -> list[dict[str, np.ndarray]]:
+    """`histories` of every run along a fit's trajectories."""
+    return [histories(d, path) for d, path in zip(problem.runs, fit.paths, strict=True)]
+
+
+def outputs_of(problem: Problem, fit: Fit, i: int) -> np.ndarray:
+    """Outputs (n, 15) at the nodes of a fit's run i."""
+    return RunModel(problem, fit.structure, i).pieces(fit.paths[i], fit.theta[None])[0][:, 0]
 
 
 def fit(
@@ -116,12 +124,12 @@ def fit(
     Gauss–Newton over the nodes with a power that falls step by step to what the data want (continuation). Each step is
     shortened for a run that would fare worse for it. From the data it is done twice, with small blows in the end."""
     if point is not None:
-        return (exactly if point.exact else _descended)(problem, structure, point, steps)
+        return (exactly if point.exact else _gauss_newton)(problem, structure, point, steps)
     paths = tuple(problem.for_runs(lambda i: start(problem, structure, i)))
     point = Point(np.clip(structure.start, *structure.bounds), paths, np.zeros(4), tuple(processes))
     point = replace(point, power=first_power(problem, linearise_all(problem, point, structure)))
-    first = _descended(problem, structure, point, steps)
-    return _descended(problem, structure, replace(first.point, processes=tightened(first.processes)), steps)
+    first = _gauss_newton(problem, structure, point, steps)
+    return _gauss_newton(problem, structure, replace(first.point, processes=tightened(first.processes)), steps)
 
 
 def first_power(problem: Problem, systems: Sequence[LinearRun]) -> np.ndarray:
@@ -151,42 +159,40 @@ def exactly(
         return replace(point, theta=whole.theta, paths=paths, power=np.full(4, QUIET) * problem.model.moving)
 
     if whole.leaves_noise:
-        return _flown_on(problem, structure, as_flown(), steps)
-    f = _descended(problem, structure, point, steps)
+        return _condensed(problem, structure, as_flown(), steps)
+    f = _gauss_newton(problem, structure, point, steps)
     if whole.chi2 >= f.deviance:
         return f
-    return min(f, _descended(problem, structure, as_flown(), steps), key=lambda x: x.deviance)
+    return min(f, _gauss_newton(problem, structure, as_flown(), steps), key=lambda x: x.deviance)
 
 
 def flown(problem: Problem, structure: Structure, i: int, theta: np.ndarray, state: np.ndarray) -> np.ndarray:
     """The trajectory (n, N) of run i that the model flies from an initial state (8,), node by node."""
-    data, model = problem.runs[i], structure.model
-    P = problem.vectors(structure, i, theta[None])
-    path = np.zeros((len(data.grid), len(model.kernel.states)))
+    run = RunModel(problem, structure, i)
+    P, path = run.vectors(theta[None]), np.zeros((len(run.data.grid), len(run.model.kernel.states)))
     path[0, :8] = state
-    if model.carries_states:
-        path[0] = model.with_effect_states(path[0], P=P[0], pulses=None if data.averaged else data.pulses)
-    for k in range(len(path) - 1):
-        path[k + 1] = next_state(problem, model, i, P, path, k)
-    return path
+    x = path[0]
+    if run.model.carries_states:
+        x = run.model.with_effect_states(x, P=P[0], pulses=run.data.fired)
+    return run.followed(path, x, P)
 
 
-def _flown_on(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
+def _condensed(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
     """A fit from trajectories that are flown and leave nothing but noise.
 
     A step moves theta and the initial states, and the runs are flown anew (condensing). Nothing shakes the rig, so
     nodes of their own gain nothing, and a stiff contact makes much of each. The trajectories come from a fit from end
     to end that has converged; what is left is to weigh the sensors as they are."""
-    best: tuple[Point, Settled, tuple[np.ndarray, ...]] | None = None
+    best: tuple[Point, MostLikely, tuple[np.ndarray, ...]] | None = None
     for _ in range(steps):
         plain = linearise_all(problem, point, structure)
-        settled = settle(problem, structure, plain, point, FLOWN_STEPS)
+        settled = maximise_evidence(problem, structure, plain, point, FLOWN_STEPS)
         idle = best is not None and settled.evidence.deviance > best[1].evidence.deviance - TOLERANCE
         if best is None or settled.evidence.deviance < best[1].evidence.deviance:
             best = point, settled, tuple(s.touching for s in plain)
         if idle:
             break
-        there = _reflown(problem, structure, point, plain, settled)
+        there = _condensed_step(problem, structure, point, plain, settled)
         point = replace(there, power=settled.next_power, processes=settled.next_processes)
     assert best is not None  # there is one step at least
     here, settled, touching = best
@@ -197,18 +203,18 @@ def _flown_on(problem: Problem, structure: Structure, point: Point, steps: int) 
     )  # fmt: skip
 
 
-def _reflown(
-    problem: Problem, structure: Structure, point: Point, plain: Sequence[LinearRun], settled: Settled
+def _condensed_step(
+    problem: Problem, structure: Structure, point: Point, plain: Sequence[LinearRun], settled: MostLikely
 ) -> Point:
     """The point a step of theta and of the initial states further, all runs flown from there. The step is shortened
     where they would fare worse for it."""
     systems, active = settled.systems, structure.model.active_states
-    still = weigh(problem, structure, systems, point.theta, np.zeros(4))
+    still = evidence_of(problem, structure, systems, point.theta, np.zeros(4))
     smooth = problem.for_runs(lambda i: run_smoother(systems[i], still.filtered[i], still.step).deviations)
     beside = [offsets(*of)[0] for of in zip(plain, systems, smooth, strict=True)]
 
     def costs(i: int, theta: np.ndarray, path: np.ndarray) -> float:
-        left = misses(problem, structure, i, theta, path, (beside[i], np.zeros_like(path)))
+        left = misses(RunModel(problem, structure, i), theta, path, (beside[i], np.zeros_like(path)))
         return float(np.nansum(left.readings**2 / systems[i].variance))
 
     def anew(i: int, theta: np.ndarray, share: float) -> np.ndarray:
@@ -225,7 +231,7 @@ def _reflown(
     return point
 
 
-def _nowhere(structure: Structure, point: Point) -> Fit:
+def _lost(structure: Structure, point: Point) -> Fit:
     """A fit that cannot begin: it explains nothing."""
     nothing = np.zeros((len(point.theta),) * 2)
     return Fit(
@@ -233,11 +239,11 @@ def _nowhere(structure: Structure, point: Point) -> Fit:
     )  # fmt: skip
 
 
-def _descended(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
+def _gauss_newton(problem: Problem, structure: Structure, point: Point, steps: int) -> Fit:
     best, idle = None, 0
     for _ in range(steps):
         try:
-            new = _step(problem, structure, point)
+            new = _gauss_newton_step(problem, structure, point)
         except Lost:
             break
         idle = idle + 1 if best and new.deviance > best.deviance - TOLERANCE and new.to_gain < TOLERANCE else 0
@@ -247,7 +253,7 @@ def _descended(problem: Problem, structure: Structure, point: Point, steps: int)
             break
         point = new.next
     if best is None:
-        return _nowhere(structure, point)
+        return _lost(structure, point)
     now = best.point
     return Fit(
         structure, now.theta, now.paths, now.power, best.deviance, best.evidence.chi2, best.evidence.covariance,
@@ -274,7 +280,7 @@ class Step:
     to_gain: float
 
 
-def _step(problem: Problem, structure: Structure, point: Point) -> Step:
+def _gauss_newton_step(problem: Problem, structure: Structure, point: Point) -> Step:
     """A step from a point, shortened where the runs would fare worse for it.
 
     Its deviance is what the linear runs promise and by how much the trajectories that are flown miss that: far from
@@ -282,16 +288,17 @@ def _step(problem: Problem, structure: Structure, point: Point) -> Step:
     shows it. It says nothing where contact is taken exactly either: there trajectories begin as flown, and a stiff
     contact makes much of little."""
     plain = linearise_all(problem, point, structure)
-    settled = settle(problem, structure, plain, point, POWER_STEPS, follow=True)
+    settled = maximise_evidence(problem, structure, plain, point, POWER_STEPS, follow=True)
     A = len(structure.model.active_states)
     moved = [s.deviations[:, :A] for s in settled.smooth]
     beside = [offsets(*of) for of in zip(plain, settled.systems, (s.deviations for s in settled.smooth), strict=True)]
 
     def hoped(share: float) -> list[Misses]:
         step, ways = share * settled.evidence.step, zip(plain, moved, beside, strict=True)
-        return [promised(problem, structure, i, s, step, share * m, b) for i, (s, m, b) in enumerate(ways)]
+        runs = (RunModel(problem, structure, i) for i in range(len(plain)))
+        return [linear_misses(run, s, step, share * m, b) for run, (s, m, b) in zip(runs, ways, strict=True)]
 
-    went, kept = _went(problem, structure, point, settled, (moved, beside), hoped(0.0))
+    went, kept = _line_search(problem, structure, point, settled, (moved, beside), hoped(0.0))
     promises = hoped(1.0)
     quiet = np.maximum(settled.power, QUIET)
 
@@ -322,11 +329,11 @@ def _where_told(system: LinearRun, left: Misses) -> Misses:
     return replace(left, readings=readings, defects=np.where(blind, 0.0, left.defects))
 
 
-def _went(
+def _line_search(
     problem: Problem,
     structure: Structure,
     point: Point,
-    settled: Settled,
+    settled: MostLikely,
     by: tuple[Sequence[np.ndarray], Sequence[Beside]],
     here: Sequence[Misses],
 ) -> tuple[Point, list[Misses]]:
@@ -347,7 +354,7 @@ def _went(
         for share in (*(most * 0.5 ** np.arange(HALVINGS)), 0.0):
             there = point.paths[i].copy()
             there[:, active] += share * moved[i]
-            left = misses(problem, structure, i, theta, there, beside[i])
+            left = misses(RunModel(problem, structure, i), theta, there, beside[i])
             tried.append((costs(i, left), there, left))
             if tried[-1][0] <= aims[i]:
                 break

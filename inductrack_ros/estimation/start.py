@@ -47,7 +47,7 @@ def start(problem: Problem, structure: Structure, i: int) -> np.ndarray:
     if model.carries_states:
         P = problem.vectors(structure, i, structure.start[None])[0]
         for k, t in enumerate(data.grid):
-            path[k] = model.with_effect_states(path[k], t, P, None if data.averaged else data.pulses, path[0, 0])
+            path[k] = model.with_effect_states(path[k], t, P, data.fired, path[0, 0])
     return path
 
 

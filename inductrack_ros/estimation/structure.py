@@ -15,6 +15,7 @@ from ..core.model import Model
 from ..core.parameters import PARAMETERS, Parameter, Values
 from ..core.sensors import Sensors
 from ..core.state import CHANNELS
+from ..core.uncertainty import Uncertainty
 
 #: Prior of a free parameter about its start, in typical sizes: only keeps what the data say nothing about where it is.
 THETA_PRIOR = 300.0
@@ -44,6 +45,49 @@ class Smoothness:
         """Precision (count, count) of a stand-in's table: next to nothing on all but its departures."""
         typical = catalogue()[effect].parameters["values"].typical
         return self.weight * self.bending(count) + np.diag(np.full(count, (STRAIGHT * typical) ** -2.0))
+
+
+class Fitted:
+    """What every fit of a ``structure`` has: ``theta`` (g,) and its ``covariance`` (g, g)."""
+
+    structure: Structure
+    theta: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted parameters by full name."""
+        return self.structure.decode(self.theta)
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Their standard deviations."""
+        return self.structure.spread(self.theta, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @cached_property
+    def model(self) -> Model:
+        """The model with the fitted parameters."""
+        return self.structure.with_theta(self.theta)
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """The covariance of the parameter values to first order, as ``model.yaml`` carries it: theta's correlations and
+        the `deviations`.
+
+        Without parameters that are held, and without those of which the data say nothing."""
+        of_theta = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        std = np.array([self.deviations[n] for n in self.structure.free])
+        known = [k for k in np.flatnonzero(np.isfinite(std) & (of_theta > 0)).tolist() if k not in self.structure.held]
+        scale = np.array([self._sign(k, float(of_theta[k])) for k in known]) * std[known] / of_theta[known]
+        covariance = self.covariance[np.ix_(known, known)] * np.outer(scale, scale)
+        return Uncertainty(tuple(self.structure.free[k] for k in known), 0.5 * (covariance + covariance.T))
+
+    def _sign(self, k: int, deviation: float) -> float:
+        """Whether parameter k rises or falls with its theta: a fit of 1/x falls, and one of several alike may be turned
+        over."""
+        step = np.where(np.arange(len(self.theta)) == k, 1e-3 * deviation, 0.0)
+        above, below = (self.structure.decode(self.theta + side)[self.structure.free[k]] for side in (step, -step))
+        return -1.0 if above - below < 0 else 1.0
 
 
 @dataclass(frozen=True)

@@ -222,7 +222,6 @@ def _rivals(result: Diagnosis) -> str:
 
 def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
     rows = []
-    held = any(finite(r.heldout_nrmse) for r in rivals)
     confused = {r for others in result.indistinguishable.values() for r in others}
     for r in rivals:
         style = "good-word" if r.chosen else "warn-word" if r.name in confused else ""
@@ -242,18 +241,10 @@ def _rival_table(result: Diagnosis, rivals: Sequence[Rival]) -> str:
                 markup('<span class="{}">{}</span>', style, words) if style else words,
                 counted(r.chi2_fall),
                 counted(r.threshold),
-                *([ratio(r.heldout_nrmse)] if held else []),
                 sizes or "–",
             ]
         )
-    header = [
-        "Effect",
-        "For and against",
-        "Fall in χ²",
-        "By chance",
-        *(["Error, left out"] if held else []),
-        "Fitted size",
-    ]
+    header = ["Effect", "For and against", "Fall in χ²", "By chance", "Fitted size"]
     return table(header, rows, words=2, last_words=True)
 
 

@@ -77,7 +77,7 @@ class Effect:
     - ``canonical`` picks one of several parameter sets that do the same.
     - ``starts`` gives values where a search for the parameters may begin, for an effect that shows nothing of its other
       parameters where it vanishes. For a sensor's effect it gets the readings (n,), for one of the cradle the range
-      (low, high) that each variable of the runs covers (`estimation.response.VARIABLES` and the gaps).
+      (low, high) that each variable of the runs covers (`stand_in.VARIABLES` and the gaps).
     - ``conditions``: numbers of a run that the function takes, each with its value where no run gives one.
     - ``of_sensor`` marks the effect of a sensor, ``of_channel`` that of one channel, used as ``name:channel``."""
 
