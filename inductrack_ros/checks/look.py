@@ -32,6 +32,7 @@ from .outliers import fillers, outliers
 from .pairs import pairs
 from .readings import readings
 from .repeats import repeats
+from .resampled import resampled
 from .rest import rest
 from .sensors import sensors
 from .stated import stated
@@ -53,7 +54,7 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign = set_aside(campaign, found)
     found += (undriven := lost_pulses(campaign))
     campaign = set_aside(campaign, undriven)
-    found += (before := rest(campaign, touch))
+    found += (before := [] if wraps(campaign) else rest(campaign, touch))  # a travel that begins again comes to no rest
     campaign = set_aside(campaign, before)
     found += (again := repeats(campaign))
     campaign = set_aside(campaign, again)
@@ -61,6 +62,8 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign = set_aside(campaign, fill)
     found += (stuck := held(campaign))
     campaign = set_aside(campaign, stuck)
+    found += (between := resampled(campaign))
+    campaign = set_aside(campaign, between)
     channels = channels_of(campaign)
     found += (twice := copies(campaign, channels))
     campaign = set_aside(campaign, twice)
