@@ -105,11 +105,13 @@ def against_others(
     """The findings about some runs' drive current, held against what the other runs need.
 
     A factor or a force that all lack is said once. What no other run of that speed lacks is no property of the rig."""
-    mine = [f for f in findings if f.channel == "drive_current" and f.severity == WARNING]
-    if not mine or len(campaign.runs) == 1:
+    mine = [f for f in findings if f.channel == "drive_current" and (f.severity == WARNING or "runs" in f.size)]
+    if len(campaign.runs) == 1 or not mine and any(f.severity == IMPOSSIBLE for f in findings):
         return findings
     moved = _moved(campaign, channels, model, most)
     rest = [f for f in findings if f not in mine]
+    if not mine:
+        return [*rest, *_coasting(moved)]
     if exchanged := _exchanged({name: m for name, m in moved.items() if m.stated > 0.0}):
         return [*rest, exchanged]
     said_off = {run.name for run in campaign.runs if run.drive_current == 0.0}
@@ -122,6 +124,8 @@ def against_others(
         lacks = [m.needed - m.stated for m in driven.values()]
         if _alike(lacks, levels.SCALE):
             return [*rest, _force(float(np.median(lacks)), list(driven))]
+        if _alike(lacks, levels.UNIT) or _alike([f - 1.0 for f in factors], levels.UNIT):
+            return [*rest, _shared(campaign, mine[0], factors, list(driven), model)]
     return [*rest, *(_apart(f, moved) for f in mine)]
 
 
@@ -157,6 +161,40 @@ def _force(lacked: float, runs: list[str]) -> Finding:
     )
     remedy = "a drag or a slope that the model lacks, or other magnets or coils, rather than a wrong drive_current"
     return Finding("unlike", WARNING, text, remedy, "surge", size={"lacked_current": lacked, "runs": runs})
+
+
+def _shared(campaign: Campaign, first: Finding, factors: list[float], runs: list[str], model: Model) -> Finding:
+    """What all runs lack in one direction, though neither in one part of their current nor as one force."""
+    size = {**first.size, "factor": float(np.median(factors)), "runs": runs}
+    found = _finding(stated_currents(campaign), size, model)
+    if found.severity == IMPOSSIBLE:
+        return replace(found, remedy=f"{found.remedy}, or look at the model's parameters: gamma for one")
+    how = "more" if size["factor"] > 1.0 else "less"
+    least, largest = (number(f(factors)) for f in (min, max))
+    text = f"in every run the cradle is accelerated {how} than its drive_current says, as by {least} to {largest} of it"
+    remedy = "a drag or a slope that the model lacks, other magnets or coils, or a wrong drive_current"
+    return Finding("unlike", WARNING, text, remedy, "surge", size=size)
+
+
+def _coasting(moved: Mapping[str, _Moved]) -> list[Finding]:
+    """Runs that are said to be driven and coast, where every other run moves as its current says.
+
+    A drive that is weak beside the drag leaves surge much as it should be, so that no other look finds these."""
+    found = []
+    for name, odd in moved.items():
+        others = [m for other, m in moved.items() if other != name]
+        if odd.stated <= 0.0 or abs(odd.needed) > (1.0 - 1.0 / levels.ONE_CURRENT) * odd.stated or not others:
+            continue
+        right = all(abs(m.needed - m.stated) < (1.0 - 1.0 / levels.SCALE) * odd.stated for m in others)
+        if right and _unexplained(odd, others):
+            text = (
+                f"in {name} alone of {len(moved)} runs drive_current ({odd.stated:g} A) does nothing: the cradle coasts"
+                " as measured"
+            )
+            remedy = "was the drive off? Then drive_current is 0; or is it another run's?"
+            size = {"factor": 0.0, "needed": odd.needed, "runs": [name]}
+            found.append(Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", name, size=size))
+    return found
 
 
 def _moved(campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int) -> dict[str, _Moved]:
