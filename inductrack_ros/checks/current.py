@@ -21,8 +21,11 @@ from . import levels
 from .balance import SURE, bad, middle, misfits, needed_currents, needed_factor
 from .finding import IMPOSSIBLE, WARNING, Finding, number, shared
 from .noise_found import Channel
+from .units import CURRENTS
 from .windows import FEWEST, Reading, Windows, windows_of
 
+#: A current that was measured at less than this part of the largest of any run is none: a sensor has its zero.
+IDLE = 0.01
 #: The factor is √2 where it is this near to it.
 _NEAR = 1.1
 
@@ -59,7 +62,13 @@ def judged(finding: Finding, windows: Windows, model: Model) -> Finding:
     push = abs(driven["surge_acceleration"] - coasts["surge_acceleration"])
     drag = coasts["magnetic_drag"] / model.parameters["mass"]
     possible = (1.0 - 1.0 / levels.UNIT) * drag + levels.STEEP * model.parameters["gravity"]
-    return replace(finding, kind="unlike", severity=WARNING) if push < possible else finding
+    by_chance = not _named(finding.size["factor"])
+    return replace(finding, kind="unlike", severity=WARNING) if push < possible and by_chance else finding
+
+
+def _named(factor: float) -> tuple[float, str] | None:
+    """The unit of a current that a factor is exactly, with its size."""
+    return next((c for c in CURRENTS if 1 / levels.EXACTLY < factor / c[0] < levels.EXACTLY), None)
 
 
 def stated_currents(campaign: Campaign) -> str:
@@ -110,23 +119,44 @@ def against_others(
         return findings
     moved = _moved(campaign, channels, model, most)
     rest = [f for f in findings if f not in mine]
-    if not mine:
-        return [*rest, *_coasting(moved)]
     if exchanged := _exchanged({name: m for name, m in moved.items() if m.stated > 0.0}):
         return [*rest, exchanged]
     said_off = {run.name for run in campaign.runs if run.drive_current == 0.0}
     if not any(said_off & set(f.size.get("runs", ())) for f in mine):
-        driven = {name: m for name, m in moved.items() if m.stated}
-        factors = [m.needed / m.stated for m in driven.values()]
-        if _alike(factors, levels.ONE_CURRENT) and min(factors) > 0.0:
-            size = {**mine[0].size, "factor": float(np.median(factors)), "runs": list(driven)}
-            return [*rest, replace(_finding(stated_currents(campaign), size, model), severity=WARNING)]
-        lacks = [m.needed - m.stated for m in driven.values()]
-        if _alike(lacks, levels.SCALE):
-            return [*rest, _force(float(np.median(lacks)), list(driven))]
-        if _alike(lacks, levels.UNIT) or _alike([f - 1.0 for f in factors], levels.UNIT):
-            return [*rest, _shared(campaign, mine[0], factors, list(driven), model)]
-    return [*rest, *(_apart(f, moved) for f in mine)]
+        largest = max((abs(m.stated) for m in moved.values()), default=0.0)
+        driven = {name: m for name, m in moved.items() if abs(m.stated) > IDLE * largest}
+        found = _of_all(campaign, driven, mine[0].size if mine else {}, model)
+        if found and (mine or found.severity == IMPOSSIBLE):
+            return [*rest, found]
+    return [*rest, *(_apart(f, moved) for f in mine)] if mine else [*rest, *_coasting(moved)]
+
+
+def _of_all(campaign: Campaign, driven: Mapping[str, _Moved], size: Mapping[str, Any], model: Model) -> Finding | None:
+    """What all runs lack: the same part of their current, the same force, or something in one direction; None where
+    they lack nothing in common. ``size`` is that of a finding of some."""
+    factors = [m.needed / m.stated for m in driven.values()]
+    if not factors:
+        return None
+    size = {**size, "factor": float(np.median(factors)), "runs": list(driven)}
+    found = _finding(stated_currents(campaign), size, model)
+    if _alike(factors, levels.ONE_CURRENT) and min(factors) > 0.0:
+        # Of different currents no force is the same part.
+        one_current = _alike([m.stated for m in driven.values()], levels.SCALE)
+        return replace(found, severity=WARNING) if one_current and not _named(size["factor"]) else found
+    lacks = [m.needed - m.stated for m in driven.values()]
+    if _alike(lacks, levels.SCALE):
+        return _force(float(np.median(lacks)), list(driven))
+    if not _alike(lacks, levels.UNIT) and not _alike([f - 1.0 for f in factors], levels.UNIT):
+        return None
+    if found.kind == "axis_flipped":
+        return found
+    if found.severity == IMPOSSIBLE:
+        return replace(found, remedy=f"{found.remedy}, or look at the model's parameters: gamma for one")
+    how = "more" if size["factor"] > 1.0 else "less"
+    least, largest = (number(f(factors)) for f in (min, max))
+    text = f"in every run the cradle is accelerated {how} than its drive_current says, as by {least} to {largest} of it"
+    remedy = "a drag or a slope that the model lacks, other magnets or coils, or a wrong drive_current"
+    return Finding("unlike", WARNING, text, remedy, "surge", size=size)
 
 
 def _exchanged(driven: Mapping[str, _Moved]) -> Finding | None:
@@ -161,19 +191,6 @@ def _force(lacked: float, runs: list[str]) -> Finding:
     )
     remedy = "a drag or a slope that the model lacks, or other magnets or coils, rather than a wrong drive_current"
     return Finding("unlike", WARNING, text, remedy, "surge", size={"lacked_current": lacked, "runs": runs})
-
-
-def _shared(campaign: Campaign, first: Finding, factors: list[float], runs: list[str], model: Model) -> Finding:
-    """What all runs lack in one direction, though neither in one part of their current nor as one force."""
-    size = {**first.size, "factor": float(np.median(factors)), "runs": runs}
-    found = _finding(stated_currents(campaign), size, model)
-    if found.severity == IMPOSSIBLE:
-        return replace(found, remedy=f"{found.remedy}, or look at the model's parameters: gamma for one")
-    how = "more" if size["factor"] > 1.0 else "less"
-    least, largest = (number(f(factors)) for f in (min, max))
-    text = f"in every run the cradle is accelerated {how} than its drive_current says, as by {least} to {largest} of it"
-    remedy = "a drag or a slope that the model lacks, other magnets or coils, or a wrong drive_current"
-    return Finding("unlike", WARNING, text, remedy, "surge", size=size)
 
 
 def _coasting(moved: Mapping[str, _Moved]) -> list[Finding]:
@@ -253,6 +270,9 @@ def _finding(stated: str, size: Mapping[str, Any], model: Model) -> Finding:
     text = f"{stated} is {number(1 / factor)} times what accelerates the cradle as measured"
     if not 1 / levels.UNIT < factor < levels.UNIT:
         remedy = "drive_current is in A; correct it in campaign.yaml"
+        if named := _named(factor):
+            text = f"{text}: it seems to be in {named[1]}"
+            remedy = f"drive_current is in A; multiply it by {named[0]:g} in campaign.yaml"
         return Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", size=size)
     remedy = "look at drive_current"
     if 1 / _NEAR < max(factor, 1 / factor) / np.sqrt(2.0) < _NEAR:

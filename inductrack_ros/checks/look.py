@@ -25,6 +25,7 @@ from .holds import held
 from .interleaved import interleaved
 from .jitter import jitter
 from .jumps import jumps, wraps
+from .measured_current import measured_current
 from .noise import noises
 from .noise_apart import noises_apart
 from .noise_found import Channel, channels_of
@@ -83,6 +84,7 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign, calm = set_aside(campaign, flat), set_aside(calm, flat)
     found += computed(campaign, channels) + too_few(campaign, model) + (kept := held_still(campaign, channels, model))
     found += noises(calm, channels) + noises_apart(calm) + jitter(campaign, channels)
+    found += measured_current(campaign)
     found += stated(campaign, channels, model) + pairs(campaign, calm, channels) + excitation(campaign, channels)
     if model is not None and not any(
         f.kind in ("clock_jump", "hole", "time_unit", "value_jump", "batches") for f in impossible(found)

@@ -5,8 +5,10 @@ belong?"""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ..core.model import Model
+from ..core.state import GAPS
 from ..data import Campaign
 from . import levels
 from .apart import of_some
@@ -29,6 +31,8 @@ MOST = 4
 BETTER = 0.4
 #: Two readings are equally good where what they leave differs by less.
 TWINS = 0.1
+#: Where a drive current is to be corrected: as it is stated, as it was measured.
+_IN_YAML, _AS_MEASURED = "in campaign.yaml", "where it is measured"
 #: Windows of a run that is looked at alone.
 FEWEST_APART = 24
 
@@ -50,6 +54,8 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
 
     found = of_some(campaign, together, alone, telling=_counts)
     found = against_others(campaign, channels, model, most, found)
+    if any("drive_current" in run.inputs for run in campaign.runs):
+        found = [replace(f, remedy=f.remedy.replace(_IN_YAML, _AS_MEASURED)) for f in found]
     if impossible(found) or windows is None:
         return found
     zeros = zeros_apart(campaign, hold(windows, model, Reading()))
@@ -154,6 +160,10 @@ def _unlike(left: Mapping[str, float]) -> list[Finding]:
         " or exchange of channels explains it"
     )
     remedy = "look at the channels, the model's parameters and drive_current: no small effect makes such a difference"
+    if set(names) <= set(GAPS):  # which hang on no force
+        which = "is not the gap" if len(names) == 1 else "are not the gaps"
+        text = f"{shared(names)} {which} at the places measured, and no unit, sign or exchange of channels explains it"
+        remedy = "are they stamped late, or measured elsewhere than at the arrays? Look at the model's geometry, too"
     return [Finding("unlike", WARNING, text, remedy, names[0], size={"channels": names, "off": dict(left)})]
 
 
