@@ -122,9 +122,10 @@ def against_others(
     if exchanged := _exchanged({name: m for name, m in moved.items() if m.stated > 0.0}):
         return [*rest, exchanged]
     said_off = {run.name for run in campaign.runs if run.drive_current == 0.0}
-    if not any(said_off & set(f.size.get("runs", ())) for f in mine):
+    named = {name for f in mine for name in f.size.get("runs", ())}
+    if not said_off & named:
         largest = max((abs(m.stated) for m in moved.values()), default=0.0)
-        driven = {name: m for name, m in moved.items() if abs(m.stated) > IDLE * largest}
+        driven = {name: m for name, m in moved.items() if name in named or abs(m.stated) > IDLE * largest}
         found = _of_all(campaign, driven, mine[0].size if mine else {}, model)
         if found and (mine or found.severity == IMPOSSIBLE):
             return [*rest, found]
