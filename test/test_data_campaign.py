@@ -153,6 +153,10 @@ BROKEN = {
     "duplicate": (RUNS + "- {file: ./run_00.csv, drive_current: 0}", r"line 3: runs\[1\]: .*listed twice"),
     "no current": ("runs:\n- file: run_00.csv\n", r"line 2: runs\[0\]: drive_current of run_00.csv is missing"),
     "current nan": ("runs:\n- {file: run_00.csv, drive_current: .nan}", "drive_current must be finite"),
+    "current too large": (
+        "runs:\n- {file: run_00.csv, drive_current: 7.0e+6}",
+        r"line 2: runs\[0\]: .* 100000 A at most; is it in mA",
+    ),
     "current a word": (
         "runs:\n- {file: run_00.csv, drive_current: full}",
         "drive_current must be a number, not 'full'",

@@ -421,3 +421,16 @@ def test_threads_that_cannot_be(tmp_path, program, threads):
     )  # fmt: skip
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert f"NUMBA_NUM_THREADS={threads}: is no number of threads; unset it" in done.stderr
+
+
+def test_a_folder_in_the_place_of_a_result_keeps_what_was_there(odd, capsys):
+    """Of several files none is replaced where one cannot be."""
+    taken = Path("out", "report.html")
+    taken.mkdir(parents=True)
+    Path("out", "check.json").write_text("before")
+    assert cli.main(["check", "rig", "--output", "out"]) == 2
+    said = capsys.readouterr().err
+    assert f"--output out: {taken} is a folder" in said and said.count("\n") == 1 and "nothing was kept" in said
+    assert Path("out", "check.json").read_text() == "before" and sorted(
+        p.name for p in odd.iterdir() if "out" in p.name
+    ) == ["out"]

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import stats
 
 from ..core.model import Model
+from ..core.parameters import PARAMETERS
 from ..core.state import COORDINATES, GAPS, RATES
 from ..data.measurement import Array
 from . import levels
@@ -248,12 +249,23 @@ def _evaluate(windows: Windows, model: Model, reading: Reading, motion: _Motion)
         if name in motion.states:
             state[k] = motion.states[name]
     current = reading.current * windows.current
+    models = [_under(model, given) for given in windows.conditions]
     with np.errstate(all="ignore"):
         for i in range(shape[0]):
+            mine = models[windows.run[i]] if models else model
             for j in range(shape[1]):
-                q = model.quantities(state[:, i, j], drive_current=float(current[i]))
+                q = mine.quantities(state[:, i, j], drive_current=float(current[i]))
                 result[:, i, j] = [q[name] for name in wanted]
     return dict(zip(wanted, np.nan_to_num(result, nan=1e30, posinf=1e30, neginf=-1e30).clip(-1e30, 1e30), strict=True))
+
+
+def _under(model: Model, conditions: Mapping[str, float]) -> Model:
+    """The model under the conditions of a run."""
+    taken = {name: value for name, value in conditions.items() if name in model.kernel.parameters}
+    if not taken:
+        return model
+    own = {name: taken.pop(name) for name in PARAMETERS if name in taken}
+    return model.with_changes(own, conditions={**model.conditions, **taken})
 
 
 def _change(times: Array, acceleration: Array) -> Array:

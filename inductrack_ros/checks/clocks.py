@@ -9,6 +9,7 @@ import numpy as np
 from ..data import Campaign, Run
 from ..data.measurement import Array
 from . import levels
+from .clock_steps import stand_still, was_set
 from .finding import IMPOSSIBLE, NOTE, SET_ASIDE, Finding, number, place, spot
 
 #: Samples on each side from which the speed at a hole is taken.
@@ -43,6 +44,7 @@ def clocks(campaign: Campaign) -> list[Finding]:
         if len(rest := np.setdiff1d(wide, list(broken))):
             holes.append((run, int(rest[np.argmax(steps[rest])]), steps[rest]))
         if not broken:
+            findings += [f for f in (was_set(run), stand_still(run)) if f is not None]
             findings += _jitter(run, steps, usual)
     return _once(findings) + _holes(holes)
 

@@ -21,8 +21,11 @@ from . import levels
 from .balance import SURE, bad, middle, misfits, needed_currents, needed_factor
 from .finding import IMPOSSIBLE, WARNING, Finding, number, shared
 from .noise_found import Channel
+from .units import CURRENTS
 from .windows import FEWEST, Reading, Windows, windows_of
 
+#: A current that was measured at less than this part of the largest of any run is none: a sensor has its zero.
+IDLE = 0.01
 #: The factor is √2 where it is this near to it.
 _NEAR = 1.1
 
@@ -59,7 +62,13 @@ def judged(finding: Finding, windows: Windows, model: Model) -> Finding:
     push = abs(driven["surge_acceleration"] - coasts["surge_acceleration"])
     drag = coasts["magnetic_drag"] / model.parameters["mass"]
     possible = (1.0 - 1.0 / levels.UNIT) * drag + levels.STEEP * model.parameters["gravity"]
-    return replace(finding, kind="unlike", severity=WARNING) if push < possible else finding
+    by_chance = not _named(finding.size["factor"])
+    return replace(finding, kind="unlike", severity=WARNING) if push < possible and by_chance else finding
+
+
+def _named(factor: float) -> tuple[float, str] | None:
+    """The unit of a current that a factor is exactly, with its size."""
+    return next((c for c in CURRENTS if 1 / levels.EXACTLY < factor / c[0] < levels.EXACTLY), None)
 
 
 def stated_currents(campaign: Campaign) -> str:
@@ -105,24 +114,50 @@ def against_others(
     """The findings about some runs' drive current, held against what the other runs need.
 
     A factor or a force that all lack is said once. What no other run of that speed lacks is no property of the rig."""
-    mine = [f for f in findings if f.channel == "drive_current" and f.severity == WARNING]
-    if not mine or len(campaign.runs) == 1:
+    mine = [f for f in findings if f.channel == "drive_current" and (f.severity == WARNING or "runs" in f.size)]
+    if len(campaign.runs) == 1 or not mine and any(f.severity == IMPOSSIBLE for f in findings):
         return findings
     moved = _moved(campaign, channels, model, most)
     rest = [f for f in findings if f not in mine]
     if exchanged := _exchanged({name: m for name, m in moved.items() if m.stated > 0.0}):
         return [*rest, exchanged]
     said_off = {run.name for run in campaign.runs if run.drive_current == 0.0}
-    if not any(said_off & set(f.size.get("runs", ())) for f in mine):
-        driven = {name: m for name, m in moved.items() if m.stated}
-        factors = [m.needed / m.stated for m in driven.values()]
-        if _alike(factors, levels.ONE_CURRENT) and min(factors) > 0.0:
-            size = {**mine[0].size, "factor": float(np.median(factors)), "runs": list(driven)}
-            return [*rest, replace(_finding(stated_currents(campaign), size, model), severity=WARNING)]
-        lacks = [m.needed - m.stated for m in driven.values()]
-        if _alike(lacks, levels.SCALE):
-            return [*rest, _force(float(np.median(lacks)), list(driven))]
-    return [*rest, *(_apart(f, moved) for f in mine)]
+    named = {name for f in mine for name in f.size.get("runs", ())}
+    if not said_off & named:
+        largest = max((abs(m.stated) for m in moved.values()), default=0.0)
+        driven = {name: m for name, m in moved.items() if name in named or abs(m.stated) > IDLE * largest}
+        found = _of_all(campaign, driven, mine[0].size if mine else {}, model)
+        if found and (mine or found.severity == IMPOSSIBLE):
+            return [*rest, found]
+    return [*rest, *(_apart(f, moved) for f in mine)] if mine else [*rest, *_coasting(moved)]
+
+
+def _of_all(campaign: Campaign, driven: Mapping[str, _Moved], size: Mapping[str, Any], model: Model) -> Finding | None:
+    """What all runs lack: the same part of their current, the same force, or something in one direction; None where
+    they lack nothing in common. ``size`` is that of a finding of some."""
+    factors = [m.needed / m.stated for m in driven.values()]
+    if not factors:
+        return None
+    size = {**size, "factor": float(np.median(factors)), "runs": list(driven)}
+    found = _finding(stated_currents(campaign), size, model)
+    if _alike(factors, levels.ONE_CURRENT) and min(factors) > 0.0:
+        # Of different currents no force is the same part.
+        one_current = _alike([m.stated for m in driven.values()], levels.SCALE)
+        return replace(found, severity=WARNING) if one_current and not _named(size["factor"]) else found
+    lacks = [m.needed - m.stated for m in driven.values()]
+    if _alike(lacks, levels.SCALE):
+        return _force(float(np.median(lacks)), list(driven))
+    if not _alike(lacks, levels.UNIT) and not _alike([f - 1.0 for f in factors], levels.UNIT):
+        return None
+    if found.kind == "axis_flipped":
+        return found
+    if found.severity == IMPOSSIBLE:
+        return replace(found, remedy=f"{found.remedy}, or look at the model's parameters: gamma for one")
+    how = "more" if size["factor"] > 1.0 else "less"
+    least, largest = (number(f(factors)) for f in (min, max))
+    text = f"in every run the cradle is accelerated {how} than its drive_current says, as by {least} to {largest} of it"
+    remedy = "a drag or a slope that the model lacks, other magnets or coils, or a wrong drive_current"
+    return Finding("unlike", WARNING, text, remedy, "surge", size=size)
 
 
 def _exchanged(driven: Mapping[str, _Moved]) -> Finding | None:
@@ -157,6 +192,27 @@ def _force(lacked: float, runs: list[str]) -> Finding:
     )
     remedy = "a drag or a slope that the model lacks, or other magnets or coils, rather than a wrong drive_current"
     return Finding("unlike", WARNING, text, remedy, "surge", size={"lacked_current": lacked, "runs": runs})
+
+
+def _coasting(moved: Mapping[str, _Moved]) -> list[Finding]:
+    """Runs that are said to be driven and coast, where every other run moves as its current says.
+
+    A drive that is weak beside the drag leaves surge much as it should be, so that no other look finds these."""
+    found = []
+    for name, odd in moved.items():
+        others = [m for other, m in moved.items() if other != name]
+        if odd.stated <= 0.0 or abs(odd.needed) > (1.0 - 1.0 / levels.ONE_CURRENT) * odd.stated or not others:
+            continue
+        right = all(abs(m.needed - m.stated) < (1.0 - 1.0 / levels.SCALE) * odd.stated for m in others)
+        if right and _unexplained(odd, others):
+            text = (
+                f"in {name} alone of {len(moved)} runs drive_current ({odd.stated:g} A) does nothing: the cradle coasts"
+                " as measured"
+            )
+            remedy = "was the drive off? Then drive_current is 0; or is it another run's?"
+            size = {"factor": 0.0, "needed": odd.needed, "runs": [name]}
+            found.append(Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", name, size=size))
+    return found
 
 
 def _moved(campaign: Campaign, channels: Mapping[str, Channel], model: Model, most: int) -> dict[str, _Moved]:
@@ -215,6 +271,9 @@ def _finding(stated: str, size: Mapping[str, Any], model: Model) -> Finding:
     text = f"{stated} is {number(1 / factor)} times what accelerates the cradle as measured"
     if not 1 / levels.UNIT < factor < levels.UNIT:
         remedy = "drive_current is in A; correct it in campaign.yaml"
+        if named := _named(factor):
+            text = f"{text}: it seems to be in {named[1]}"
+            remedy = f"drive_current is in A; multiply it by {named[0]:g} in campaign.yaml"
         return Finding("unit", IMPOSSIBLE, text, remedy, "drive_current", size=size)
     remedy = "look at drive_current"
     if 1 / _NEAR < max(factor, 1 / factor) / np.sqrt(2.0) < _NEAR:

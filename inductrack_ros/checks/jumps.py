@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from ..core.state import COORDINATES, GAPS
 from ..data import Campaign, Run
+from ..data.measurement import Array
 from . import levels
 from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, place, quantity
 from .noise_found import Channel
+from .units import units_of
 
 #: Samples beside a jump that say where the channel was and where it is then.
 BESIDE = 5
@@ -47,7 +49,7 @@ def jumps(campaign: Campaign, channels: Mapping[str, Channel], off: list[Finding
             if len(between):
                 lost[run.name] = between
         if stay:
-            findings.append(_jump(channel, stay))
+            findings.append(_jump(channel, stay, channels))
         elif lost:
             run = next(r for r in campaign.runs if r.name in lost)
             count = sum(map(len, lost.values()))
@@ -120,7 +122,7 @@ def _jumps(run: Run, channel: str, rows: NDArray[np.intp], about: Channel) -> It
             yield int(known[first + int(np.argmax(np.abs(steps)))]), jump
 
 
-def _jump(channel: str, found: list[tuple[Run, int, float]]) -> Finding:
+def _jump(channel: str, found: list[tuple[Run, int, float]], channels: Mapping[str, Channel]) -> Finding:
     run, i, size = found[0]
     again = "" if len(found) == 1 else f" ({len(found) - 1} more such)"
     text = (
@@ -128,6 +130,12 @@ def _jump(channel: str, found: list[tuple[Run, int, float]]) -> Finding:
         " moves so"
     )
     remedy = "its zero was moved or counts were lost: correct the later samples, or make two runs of it"
+    if (goes_on := _goes_on_as(run, channel, i, channels)) is not None:
+        remedy = f"it goes on where {goes_on} was: were the cells of these rows moved to other columns? Move them back"
+    elif (how := _written(run, channel, i)) is not None:
+        remedy = (
+            f"from there on it reads as if {how}, or its zero was moved or counts were lost: correct the later samples"
+        )
     sizes = np.abs([s for _, _, s in found])
     if channel == "roll" and abs(abs(size) - 2 * np.pi) < 0.1:
         remedy = "the angle is wrapped at a full turn; unwrap it, or choose a range with its rest in the middle"
@@ -137,3 +145,51 @@ def _jump(channel: str, found: list[tuple[Run, int, float]]) -> Finding:
     behind = as_samples({run.name: np.arange(i + 1, min(i + 1 + BESIDE, len(run.times)))})
     size_of = {"jump": size, "count": len(found)}
     return Finding("value_jump", IMPOSSIBLE, text, remedy, channel, run.name, behind, size_of)
+
+
+def _beside(run: Run, channel: str, i: int) -> tuple[Array, Array]:
+    """A channel's samples before and behind sample i, at most `BESIDE` each."""
+    known = np.flatnonzero(~np.isnan(run[channel]))
+    at = int(np.searchsorted(known, i, side="right"))
+    return run[channel][known[max(at - BESIDE, 0) : at]], run[channel][known[at : at + BESIDE]]
+
+
+def _goes_on_as(run: Run, channel: str, i: int, channels: Mapping[str, Channel]) -> str | None:
+    """Other channels that the samples behind sample i continue, and that do not go on themselves; None where there are
+    none."""
+    behind = _beside(run, channel, i)[1]
+
+    def continues(other: str, samples: Array) -> bool:
+        before = _beside(run, other, i)[0]
+        if len(before) < BESIDE or not len(samples):
+            return False
+        moves = float(np.abs(np.diff(before)).max()) + OVER_NOISE * channels[other].scatter
+        return abs(samples[0] - before[-1]) < moves and abs(samples[-1] - before[-1]) < BESIDE * moves
+
+    others = [c for c in run.channels if c in channels and c in (*COORDINATES, *GAPS) and c != channel]
+    fits = [c for c in others if continues(c, behind) and not continues(c, _beside(run, c, i)[1])]
+    return " or ".join(fits) or None
+
+
+def _written(run: Run, channel: str, i: int) -> str | None:
+    """What a channel's samples behind sample i are multiplied by to go on from those before, in words: its sign, or a
+    unit; None where it is neither."""
+    before, behind = _beside(run, channel, i)
+    if min(map(len, (before, behind))) < 2 or not before[-1]:
+        return None
+    ratio = float(behind[0] / before[-1])
+    moved = max(
+        float(np.abs(np.diff(before)).max() / abs(before[-1])), float(np.abs(np.diff(behind)).max() / abs(behind[0]))
+    )
+    near = 2.0 * moved + levels.EXACTLY - 1.0
+    if near > 0.5:
+        return None
+    if abs(ratio + 1.0) < near:
+        return "its sign were changed"
+    for factor, unit in units_of(channel):
+        for then in (1.0 / factor, factor):
+            if abs(ratio / then - 1.0) < near:
+                return (
+                    f"it were in {unit}" if then > 1.0 > factor or then < 1.0 < factor else f"it were no more in {unit}"
+                )
+    return None

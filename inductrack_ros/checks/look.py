@@ -25,6 +25,7 @@ from .holds import held
 from .interleaved import interleaved
 from .jitter import jitter
 from .jumps import jumps, wraps
+from .measured_current import measured_current
 from .noise import noises
 from .noise_apart import noises_apart
 from .noise_found import Channel, channels_of
@@ -32,6 +33,7 @@ from .outliers import fillers, outliers
 from .pairs import pairs
 from .readings import readings
 from .repeats import repeats
+from .resampled import resampled
 from .rest import rest
 from .sensors import sensors
 from .stated import stated
@@ -53,7 +55,7 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign = set_aside(campaign, found)
     found += (undriven := lost_pulses(campaign))
     campaign = set_aside(campaign, undriven)
-    found += (before := rest(campaign, touch))
+    found += (before := [] if wraps(campaign) else rest(campaign, touch))  # a travel that begins again comes to no rest
     campaign = set_aside(campaign, before)
     found += (again := repeats(campaign))
     campaign = set_aside(campaign, again)
@@ -61,6 +63,8 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign = set_aside(campaign, fill)
     found += (stuck := held(campaign))
     campaign = set_aside(campaign, stuck)
+    found += (between := resampled(campaign))
+    campaign = set_aside(campaign, between)
     channels = channels_of(campaign)
     found += (twice := copies(campaign, channels))
     campaign = set_aside(campaign, twice)
@@ -80,6 +84,7 @@ def look(campaign: Campaign, model: Model | None = None) -> tuple[Finding, ...]:
     campaign, calm = set_aside(campaign, flat), set_aside(calm, flat)
     found += computed(campaign, channels) + too_few(campaign, model) + (kept := held_still(campaign, channels, model))
     found += noises(calm, channels) + noises_apart(calm) + jitter(campaign, channels)
+    found += measured_current(campaign)
     found += stated(campaign, channels, model) + pairs(campaign, calm, channels) + excitation(campaign, channels)
     if model is not None and not any(
         f.kind in ("clock_jump", "hole", "time_unit", "value_jump", "batches") for f in impossible(found)

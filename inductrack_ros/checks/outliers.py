@@ -8,10 +8,11 @@ surge_acceleration."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from ..core.state import JUMPING, RATES
 from ..data import Campaign, Run
@@ -19,7 +20,7 @@ from ..data.measurement import Array
 from . import levels
 from .edges import at_the_ends, floor_of
 from .finding import IMPOSSIBLE, SET_ASIDE, Finding, as_samples, number, place, quantity
-from .local import MARGIN, REACHES, blocks, predictions
+from .local import MARGIN, REACHES, blocks, deviations, misses, predictions, spread
 from .noise_found import Channel
 from .touch import Touch
 
@@ -166,11 +167,13 @@ def _filler(campaign: Campaign, channel: str, rows: Rows, seen: list[float]) -> 
 
 
 def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDArray[np.intp], Array]:
-    """Sample numbers (in the run, in their order) that are off, and by how much."""
+    """Sample numbers (in the run, in their order) that are off, and by how much.
+
+    A run all of whose samples are noisier than those of the others, for its unit is another, is held to its own."""
     column = run[channel]
     number_of = np.flatnonzero(~np.isnan(column))
     least = max(levels.SMALLEST * about.spread, threshold * about.step / np.sqrt(12.0))
-    floors = np.maximum(threshold * np.array(about.by_reach), least)[:, None]
+    floors = np.maximum(threshold * np.array(_by_reach(run, channel, about)), least)[:, None]
     found: list[NDArray[np.intp]] = []
     sizes: list[Array] = []
     for _ in range(ROUNDS):
@@ -184,6 +187,16 @@ def _off(run: Run, channel: str, about: Channel, threshold: float) -> tuple[NDAr
         return np.empty(0, np.intp), np.empty(0)
     rows, order = np.unique(np.concatenate(found), return_index=True)
     return rows, np.concatenate(sizes)[order]
+
+
+def _by_reach(run: Run, channel: str, about: Channel) -> Sequence[float]:
+    """What the cubics of each reach miss typically: in all runs, or in this one where half of its samples say that it
+    is noisier."""
+    times, values = run.samples(channel)
+    left = deviations(times, values)
+    if not len(left) or np.median(np.abs(left)) / stats.norm.ppf(0.75) <= levels.NOISE_DIFFERS * about.noise:
+        return about.by_reach
+    return [max(pair) for pair in zip(about.by_reach, map(spread, misses(times, values)), strict=True)]
 
 
 def _ends(

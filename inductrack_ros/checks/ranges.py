@@ -148,7 +148,8 @@ def _too_fast(campaign: Campaign, speed: float, windows: Windows | None, model: 
     remedy = f"time seems to be in {unit}; name its column 'time [{unit}]', or multiply it by {reading.time:g}"
     if all(map(of_a_bag, campaign.runs)):
         remedy = "look at the header stamps: does nanosec hold microseconds or milliseconds?"
-    return reading, Finding("time_unit", IMPOSSIBLE, text, remedy, size={**size, "factor": factor})
+    size = {**size, "factor": factor, "channels": ["surge"]}
+    return reading, Finding("time_unit", IMPOSSIBLE, text, remedy, size=size)
 
 
 def _negative(campaign: Campaign, gap: str, model: Model) -> list[Finding]:

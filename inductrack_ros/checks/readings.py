@@ -5,8 +5,10 @@ belong?"""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ..core.model import Model
+from ..core.state import GAPS
 from ..data import Campaign
 from . import levels
 from .apart import of_some
@@ -16,11 +18,11 @@ from .clock_rate import at_its_rate, clock
 from .current import against_others, drive, judged
 from .finding import IMPOSSIBLE, WARNING, Finding, impossible, number, shared
 from .gravity import with_gravity
-from .noise_found import Channel
+from .noise_found import Channel, channels_of
 from .ranges import by_range, or_counts
 from .room import mean_speeds
 from .saying import counted, finding_of
-from .windows import WINDOWS, Reading, Windows, windows_of
+from .windows import HALVES, WINDOWS, Reading, Windows, windows_of
 from .zeros import negative_gap, zeros_apart
 
 #: One thing wrong after the other is looked for, so many at most.
@@ -29,6 +31,8 @@ MOST = 4
 BETTER = 0.4
 #: Two readings are equally good where what they leave differs by less.
 TWINS = 0.1
+#: Where a drive current is to be corrected: as it is stated, as it was measured.
+_IN_YAML, _AS_MEASURED = "in campaign.yaml", "where it is measured"
 #: Windows of a run that is looked at alone.
 FEWEST_APART = 24
 
@@ -39,16 +43,19 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
     most = max(FEWEST_APART, WINDOWS // len(campaign.runs))
 
     windows = windows_of(campaign, channels)
-    together = _read(campaign, windows, model, of_all=True)
+    together = _at_any_length(campaign, channels, windows, model, of_all=True)
     # One factor on the travel of all runs explains what currents, a wrong one in each run, would explain as well.
     surge = any(f.kind == "unit" and f.channel == "surge" for f in impossible(together))
 
     def alone(one: Campaign) -> list[Finding]:
-        found = _read(one, windows_of(one, channels, most), model, of_all=False)
+        own = channels_of(one)  # noise is in the unit of its run
+        found = _at_any_length(one, own, windows_of(one, own, most), model, of_all=False)
         return [f for f in found if not (surge and f.channel in ("surge", "drive_current"))]
 
     found = of_some(campaign, together, alone, telling=_counts)
     found = against_others(campaign, channels, model, most, found)
+    if any("drive_current" in run.inputs for run in campaign.runs):
+        found = [replace(f, remedy=f.remedy.replace(_IN_YAML, _AS_MEASURED)) for f in found]
     if impossible(found) or windows is None:
         return found
     zeros = zeros_apart(campaign, hold(windows, model, Reading()))
@@ -58,6 +65,28 @@ def readings(campaign: Campaign, channels: Mapping[str, Channel], model: Model) 
 def _counts(finding: Finding) -> bool:
     """Whether a finding of one run alone counts."""
     return finding.severity == IMPOSSIBLE or finding.kind == "unlike"
+
+
+def _at_any_length(
+    campaign: Campaign, channels: Mapping[str, Channel], windows: Windows | None, model: Model, of_all: bool
+) -> list[Finding]:
+    """Findings about readings; where several channels move as nothing explains, also by shorter windows: how long these
+    are the channels themselves say, and of two that changed places the slow one made them long."""
+    found = _read(campaign, windows, model, of_all)
+    if windows is None or not any(f.kind == "unlike" and len(f.size.get("channels", ())) > 1 for f in found):
+        return found
+    among = windows.values.keys()
+    for half in HALVES:
+        shorter = windows_of(campaign, channels, len(windows.times), half)
+        if shorter is None:
+            continue
+        before = hold(shorter, model, Reading()).misfits
+        tried = [(c, hold(shorter, model, c.reading).misfits) for c in exchanges(Reading(), shorter, [])]
+        tried = [t for t in tried if explains(before, t[1], t[0].about)]
+        if before and tried:
+            best, after = min(tried, key=lambda t: total(t[1], among))
+            return [finding_of(campaign, [best], 1.0, {"off": before, "then": after})]
+    return found
 
 
 def _read(campaign: Campaign, windows: Windows | None, model: Model, of_all: bool) -> list[Finding]:
@@ -131,6 +160,10 @@ def _unlike(left: Mapping[str, float]) -> list[Finding]:
         " or exchange of channels explains it"
     )
     remedy = "look at the channels, the model's parameters and drive_current: no small effect makes such a difference"
+    if set(names) <= set(GAPS):  # which hang on no force
+        which = "is not the gap" if len(names) == 1 else "are not the gaps"
+        text = f"{shared(names)} {which} at the places measured, and no unit, sign or exchange of channels explains it"
+        remedy = "are they stamped late, or measured elsewhere than at the arrays? Look at the model's geometry, too"
     return [Finding("unlike", WARNING, text, remedy, names[0], size={"channels": names, "off": dict(left)})]
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What campaign.yaml says of a run against what its samples say: the initial state, and conditions that take a
-parameter's place."""
+parameter's place; and its limits."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from ..core.parameters import PARAMETERS
 from ..core.state import RATES, UNITS
 from ..data import Campaign, Run
 from . import levels
+from .balance import stops
 from .finding import IMPOSSIBLE, WARNING, Finding, number
 from .noise import meant
 from .noise_found import Channel
+from .room import room_of
 
 #: Conditions in °C that effects of the catalogue ask for.
 TEMPERATURES = ("track_temperature", "magnet_temperature")
@@ -27,10 +29,31 @@ OFF, SURE = 10.0, 30.0
 
 
 def stated(campaign: Campaign, channels: Mapping[str, Channel], model: Model | None) -> list[Finding]:
-    """Findings about every run's initial state and conditions; alike ones of several runs once."""
+    """Findings about every run's initial state and conditions, alike ones of several runs once; and about limits."""
+    limits = _limits(campaign, channels, model) if model else []
     found = [f for run in campaign.runs for f in (*_states(run, channels), *(_conditions(run, model) if model else ()))]
     first = {(f.kind, f.severity, f.channel): f for f in reversed(found)}
-    return [f for f in found if f is first[f.kind, f.severity, f.channel]]
+    return limits + [f for f in found if f is first[f.kind, f.severity, f.channel]]
+
+
+def _limits(campaign: Campaign, channels: Mapping[str, Channel], model: Model) -> list[Finding]:
+    """Limits that hold nothing: far outside of what the track leaves, or wholly apart from what the runs did."""
+    findings, rooms = [], room_of(model) if stops(model) else {}
+    for state, (low, high) in campaign.limits.ranges.items():
+        unit, about = UNITS.get(state, "A"), channels.get(state)
+        reach = max(abs(low), abs(high))
+        text = f"limits: {state} may go from {number(low)} to {number(high)} {unit}"
+        if state in rooms and reach > levels.OUTSIDE * rooms[state]:
+            remedy = "is it in degrees or mrad?" if state == "roll" else "is it in mm?"
+            text += f", where the track leaves it {number(rooms[state])} {unit}"
+        elif about is not None and (high < about.low or low > about.high):
+            remedy = "is its unit another?"
+            text += f", and the runs went from {number(about.low)} to {number(about.high)} {unit}, outside of it"
+        else:
+            continue
+        remedy = f"limits are in SI units: {remedy} A proposed run keeps to them"
+        findings.append(Finding("limits", WARNING, text, remedy, state, size={"least": low, "most": high}))
+    return findings
 
 
 def _states(run: Run, channels: Mapping[str, Channel]) -> list[Finding]:

@@ -13,9 +13,14 @@ FEWEST_READINGS, OFTEN = 4, 10
 EXCEPTIONS, ROUNDED = 0.01, 0.02
 #: Readings of one step differ by the last bits of a conversion, by less than this part of it.
 SAME = 1e-6
+#: Of more steps than these `on_grid`, which allows for the last bits of a conversion, would take any for a grid.
+MOST_STEPS = 2.5e5
 #: Differences of which a common divisor is sought at a time, and how often: of so many one in four has an exception
 #: among them, hardly ever all. Fewer different readings than the last would have one by chance.
 TOGETHER, TIMES, FEWEST = 32, 6, 12
+#: Digits that a file is written with, at most, where their number is told; a step that so large a part of the readings
+#: has is one of the channel.
+DIGITS, LARGE = 6, 0.05
 
 
 def step_of(readings: Array, least: float = np.inf) -> float:
@@ -23,8 +28,27 @@ def step_of(readings: Array, least: float = np.inf) -> float:
 
     The digits that a file writes are a step too; whether it matters its size beside the noise says. Where the channel
     moves by many steps between two samples few readings are one step apart: steps of ``least`` and more are found
-    there too.
+    there too. Of readings that are written with so many digits, whatever their size, it is the step of the largest.
     """
+    return max(_step_of(readings, least), _of_digits(readings))
+
+
+def _of_digits(readings: Array) -> float:
+    """The step of the largest readings, where all have few significant digits (as `%.5g` writes them); 0 where not."""
+    sizes = np.abs(readings[readings != 0.0])
+    if len(np.unique(sizes)) < FEWEST:
+        return 0.0
+    power = np.floor(np.log10(sizes) + SAME)
+    for digits in range(1, DIGITS + 1):
+        steps = 10.0 ** (power - digits + 1)
+        whole = sizes / steps
+        if np.mean(np.abs(whole - np.rint(whole)) > SAME * whole) <= EXCEPTIONS:
+            return float(np.quantile(steps, 1.0 - LARGE, method="lower")) if np.ptp(power) > 0.0 else 0.0
+    return 0.0
+
+
+def _step_of(readings: Array, least: float) -> float:
+    """The one step of all readings; 0 where there is none."""
     different = np.unique(readings)
     if len(different) < 2 or (len(different) < FEWEST_READINGS and len(readings) < OFTEN * len(different)):
         return 0.0
@@ -36,7 +60,7 @@ def step_of(readings: Array, least: float = np.inf) -> float:
     step = _sharpened(readings, different, float(np.median(small[small < 1.5 * step])))
     if on_grid(readings, step):
         return 0.0 if _even_motion(readings, step) else step
-    return _divisor(readings, different, small, least)
+    return _divisor(readings, different, small, max(least, float(np.ptp(different)) / MOST_STEPS))
 
 
 def on_grid(readings: Array, step: float) -> bool:

@@ -41,7 +41,14 @@ def output_folder(given: str | Path, apart_from: Path | None = None) -> Iterator
             with _under_the_name_given(temporary, str(given)):
                 yield temporary
             target.mkdir(exist_ok=True)
-            for file in sorted(temporary.iterdir()):
+            files = sorted(temporary.iterdir())
+            for place in (target / file.name for file in files):
+                if place.is_dir() and not place.is_symlink():
+                    raise InputError(
+                        f"--output {given}: {place} is a folder, and a file of the results has that name; move it away,"
+                        " or choose another name; nothing was kept"
+                    )
+            for file in files:
                 file.replace(target / file.name)
         except OSError as error:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):

@@ -30,6 +30,7 @@ from .campaign_keys import (
     looked_for,
     read_conditions,
     read_dof,
+    read_drive_current,
     read_free,
     read_inputs,
     read_model,
@@ -240,7 +241,7 @@ def _runs(folder: Path, mapping: Section, reading: _Reading) -> tuple[Run, ...]:
 def _run(section: Section, file: Path, name: str, reading: _Reading) -> Run:
     known = section.section("initial_state", STATES)
     initial_state = {state: known.number(state) for state in known} if known else {}
-    current = section.number("drive_current") if section.get("drive_current") is not None else None
+    current = read_drive_current(section)
     conditions = read_conditions(section)
     run, notes = reading.run(file, name), ()
     if "drive_current" in run.inputs:

@@ -284,6 +284,19 @@ def read_inputs(mapping: Section) -> dict[str, str]:
     return {} if section is None else {name: section.text(name) for name in section}
 
 
+def read_drive_current(section: Section) -> float | None:
+    """The drive's current (A) of a run, None where it is not given; in either direction no larger than a model takes
+    it."""
+    if section.get("drive_current") is None:
+        return None
+    current, most = section.number("drive_current"), PARAMETERS["drive_current"].high
+    if abs(current) > most:
+        raise section.error(
+            "drive_current", f"drive_current is {current:g} A, and a drive's is {most:g} A at most; is it in mA?"
+        )
+    return current
+
+
 def read_conditions(section: Section) -> dict[str, float]:
     """Numbers of a run; one that takes a model parameter's place lies in its range."""
     known = section.section("conditions", None)

@@ -62,12 +62,15 @@ def whole_database(path: Path, given: Path, folder: Path, notes: list[str]) -> P
     return copy
 
 
+def read_only(path: Path) -> sqlite3.Connection:
+    """A database of which nothing is changed, nor made beside it."""
+    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+
+
 def tables_of(path: Path) -> list[str] | None:
     """Names of the tables in a database; None where it cannot be read, which is said where its rows are."""
     try:
-        with contextlib.closing(
-            sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
-        ) as database:
+        with contextlib.closing(read_only(path)) as database:
             rows = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
             return [str(name) for (name,) in rows]
     except (sqlite3.Error, UnicodeError):  # of a damaged one a name may be no text

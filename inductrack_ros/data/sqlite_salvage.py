@@ -10,9 +10,9 @@ import contextlib
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
-from urllib.parse import quote
 
 from .salvage import Channel, Found, Loss
+from .sqlite_files import read_only
 
 #: No bag has so many messages.
 _MOST = 1 << 40
@@ -23,7 +23,7 @@ _Row = tuple[int, int, int, bytes | None]
 def is_whole(path: Path) -> bool:
     """Whether every page of a database is as SQLite would have it. What stands in a row has no check sum."""
     try:
-        with contextlib.closing(_opened(path)) as database:
+        with contextlib.closing(read_only(path)) as database:
             return database.execute("PRAGMA quick_check(1)").fetchone() == ("ok",)
     except (sqlite3.Error, UnicodeError):
         return False
@@ -32,7 +32,7 @@ def is_whole(path: Path) -> bool:
 def salvage(path: Path) -> Iterator[Found]:
     """Each whole message and each stretch that is lost, in the order of their ids. Raises sqlite3.Error where the
     topics cannot be read."""
-    with contextlib.closing(_opened(path)) as database:
+    with contextlib.closing(read_only(path)) as database:
         channels = _channels(database)
         last, row = None, 0
         while True:
@@ -57,16 +57,12 @@ def promised(path: Path) -> tuple[int, int | None]:
     """How many messages there were, by the largest id, and the log time (ns) of the first; 0 and None where that cannot
     be read."""
     try:
-        with contextlib.closing(_opened(path)) as database:
+        with contextlib.closing(read_only(path)) as database:
             (most,) = database.execute("SELECT max(id) FROM messages").fetchone()
             (first,) = database.execute("SELECT timestamp FROM messages ORDER BY id LIMIT 1").fetchone()
             return most, first
     except (sqlite3.Error, UnicodeError, TypeError):
         return 0, None
-
-
-def _opened(path: Path) -> sqlite3.Connection:
-    return sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
 
 
 def _channels(database: sqlite3.Connection) -> dict[int, Channel]:
