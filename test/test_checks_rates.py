@@ -126,6 +126,18 @@ def test_smooth_measured_or_simulated_motion_was_not_resampled(noise, model):
     assert "resampled" not in {f.kind for f in look(replace(rig, runs=tuple(quiet), noise_std={}), model)}
 
 
+def test_an_even_motion_on_coarse_steps_was_not_resampled(model):
+    """An encoder at nearly one speed counts ten steps, and now and then eleven: lines between readings look so too."""
+    rig = replace(measured(count=601, step=2e-3), noise_std={})
+    coarse = lambda run: np.round(4.69e-3 * np.rint(23.9 * run.times / 4.69e-3), 5)  # noqa: E731
+    surge = rig.channels.index("surge")
+    runs = tuple(
+        replace(run, values=np.column_stack([coarse(run) if k == surge else y for k, y in enumerate(run.values.T)]))
+        for run in rig.runs
+    )
+    assert "resampled" not in {f.kind for f in look(replace(rig, runs=runs), model)}
+
+
 # ---------------------------------------------------------------- digits
 
 
