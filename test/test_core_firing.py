@@ -76,7 +76,7 @@ def test_a_run_proposed_for_a_pulsed_drive_is_driven(model, monkeypatch):
     monkeypatch.setattr(experiment, "DURATIONS", (1.0,))
     words, run = propose(
         problem, lambda f, them: [f(x) for x in them], fits["aerodynamic_drag"],
-        {"viscous_drag": fits["viscous_drag"]}, {}, None, (),
+        {"viscous_drag": fits["viscous_drag"]}, {}, (),
     )  # fmt: skip
     assert run.current == CURRENT and "3500 A" in words
 
@@ -93,7 +93,5 @@ def test_no_run_is_said_to_settle_what_is_alike_in_motion(model, monkeypatch):
     monkeypatch.setattr(experiment, "CURRENTS", (CURRENT,))
     monkeypatch.setattr(experiment, "DURATIONS", (3.0,))
     twins = {"track_resistance": ("track_inductance",)}
-    words, run = propose(
-        problem, lambda f, them: [f(x) for x in them], one, {"track_inductance": other}, twins, None, ()
-    )
+    words, run = propose(problem, lambda f, them: [f(x) for x in them], one, {"track_inductance": other}, twins, ())
     assert run.least < 2.0 and "Only their ratio shows in motion" in words

@@ -59,6 +59,7 @@ def check(found):
     assert found.steps[0].reduced_chi2 > 100 * found.steps[-1].reduced_chi2
 
 
+@pytest.mark.nightly
 def test_damping_of_a_plate_is_found_from_far_off(tmp_path):
     campaign = plate(tmp_path, lambda height: np.round(height, 4), {"noise_std": {"heave": 3e-5}})
     check(diagnose(campaign, Model.load(campaign.model)))

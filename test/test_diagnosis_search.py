@@ -104,3 +104,32 @@ def test_a_force_that_oscillates_costs_a_few_values():
     assert swinging.promise > straight.promise + 50.0 and swinging.occam < 0.5 * straight.occam
     noise = [smoothest_of(gram, shapes.T @ rng.standard_normal(len(t)), len(t), True) for _ in range(30)]
     assert max(s.promise for s in noise) < 0.0
+
+
+def found(added, cost, exact=False):
+    """What a search may hold: effects, and what the state with them costs."""
+    force = any(n.startswith("stand_in") for n in added)
+    known = tuple(n for n in added if not n.startswith("stand_in"))
+    return SimpleNamespace(
+        added=added, known=known, stands_in=force, cost=lambda task: cost, fit=SimpleNamespace(exact=exact)
+    )
+
+
+@pytest.mark.parametrize("cheaper, wins", [(strategy.SURER + 1.0, True), (strategy.SURER - 1.0, False)])
+def test_several_known_effects_give_way_to_a_force_on_two_variables(monkeypatch, cheaper, wins):
+    """It is sought beside none of them, and has to be surely cheaper."""
+    asked = []
+    product = found(("stand_in_heave",), 100.0 - cheaper)
+    monkeypatch.setattr(strategy, "without", lambda task, state, name: found((), 130.0))
+    monkeypatch.setattr(strategy, "add_pair", lambda task, state: asked.append(state.added) or product)
+    several = found(("viscous_drag", "aerodynamic_lift"), 100.0)
+    chosen = strategy.product_instead(None, found(("viscous_drag",), 120.0), several)
+    assert (chosen is product) == wins and asked == [()]
+
+
+def test_what_lets_contact_be_exact_is_compared_with_no_other(monkeypatch):
+    """Its cost counts what is read during contacts too."""
+    monkeypatch.setattr(strategy, "add_background", lambda task, state: state)
+    right, wrong = found(("stand_in_heave",), 7587.0, exact=True), found(("viscous_drag",), 2883.0)
+    assert strategy.best_beside_its_noise(None, (right, wrong)) is right
+    assert strategy.best_beside_its_noise(None, (found(("a",), 5.0), wrong)).added == ("a",)

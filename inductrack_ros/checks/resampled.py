@@ -65,9 +65,8 @@ def _readings(times: Array, values: Array, order: int) -> NDArray[np.intp]:
         return nowhere
     if np.median(apart) < 3 or np.median(size[found]) < CLEAR * nothing:
         return nowhere
-    in_smallest = size[found] / size[found].min()
-    if np.all(np.abs(in_smallest - np.round(in_smallest)) * size[found].min() <= nothing):
-        return nowhere  # whole steps: an even motion on coarse ones
+    if np.median(size[found]) - size[found].min() <= nothing:
+        return nowhere  # one step again and again: an even motion that is rounded
     return found + order // 2
 
 

@@ -35,7 +35,7 @@ from .moves import (
     taken_exactly,
     without,
 )
-from .pairs import add_pair
+from .pairs import SURER, add_pair
 from .screening import CandidateSet, Screening
 from .settings import MOST_EFFECTS, MOST_REFITTED, NEAR, REFITTED, ROUNDS, TWINS
 
@@ -185,11 +185,32 @@ def add_known(task: Task, state: State) -> State:
     found = plainest(task, tried)
     if found.cost(task) > state.cost(task):
         return state.told(f"{' + '.join(found.added)} promises more than it keeps")
+    if lacking and not found.stands_in and len(state.known) < 2 <= len(found.known):
+        found = product_instead(task, state, found)
     known = [t for t in tried if t.known != state.known]
     if not found.stands_in or state.stands_in or not known:
         return add_background(task, found)
     # The force was refitted beside less noise. Each is judged beside the noise that suits it.
-    return plainest(task, [add_background(task, t) for t in (found, plainest(task, known))])
+    return best_beside_its_noise(task, (found, plainest(task, known)))
+
+
+def best_beside_its_noise(task: Task, states: Sequence[State]) -> State:
+    """The plainest of some states, each with what log and rig do besides.
+
+    Where contact is exact, what is read during it counts too and leaves noise: no cost compares with one without
+    that."""
+    each = [add_background(task, t) for t in states]
+    return plainest(task, [t for t in each if t.fit.exact] or each)
+
+
+def product_instead(task: Task, state: State, found: State) -> State:
+    """A force on two variables in the place of several known effects, where it is surely cheaper: each of them may show
+    a part of what it does. It is sought beside none of them."""
+    bare = state
+    for name in state.known:
+        bare = without(task, bare, name)
+    product = add_pair(task, bare)
+    return product if product.stands_in and product.cost(task) + SURER < found.cost(task) else found
 
 
 def best_kept(task: Task, state: State, screening: Screening) -> State:
