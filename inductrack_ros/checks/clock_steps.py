@@ -40,9 +40,7 @@ def was_set(run: Run) -> Finding | None:
     other = other[(other >= reach) & (other < len(steps) - reach)]
     gained = steps[other] - usual
     speed, apart, scatter = _speed_beside(times, travel, other)
-    around = slice(-AROUND, AROUND + 1)
-    lacked = speed * (_at(times, other, around) - _at(times, other, around, first=True))
-    lacked -= _at(travel, other, around) - _at(travel, other, around, first=True)
+    lacked = speed * _across(times, other) - _across(travel, other)
     expected = speed * gained
     told = (np.abs(lacked - expected) < SAME * np.abs(expected)) & (np.abs(expected) > CLEAR * scatter)
     told &= apart < SAME * np.abs(speed)
@@ -60,9 +58,9 @@ def was_set(run: Run) -> Finding | None:
     return Finding("clock_jump", IMPOSSIBLE, text, remedy, run=run.name, size=size)
 
 
-def _at(values: Array, steps: NDArray[np.intp], around: slice, first: bool = False) -> Array:
-    """(m,) The sample at which the stretch around each step ends, or begins with ``first``."""
-    return values[steps + (around.start if first else around.stop)]
+def _across(values: Array, steps: NDArray[np.intp]) -> Array:
+    """(m,) By how much values change over the stretch around each step."""
+    return values[steps + AROUND + 1] - values[steps - AROUND]
 
 
 def _speed_beside(times: Array, travel: Array, steps: NDArray[np.intp]) -> tuple[Array, Array, Array]:

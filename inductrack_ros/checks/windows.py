@@ -60,7 +60,7 @@ class Reading:
 @dataclass(frozen=True)
 class Windows:
     """Windows of all runs: times (w, p) from each window's middle, channels (w, p) by name, drive current (w,), and the
-    number (w,) of the run that each is of; what campaign.yaml says of the conditions of each run."""
+    number (w,) of the run that each is of. ``conditions`` of each run are as campaign.yaml says."""
 
     times: Array
     values: Mapping[str, Array]

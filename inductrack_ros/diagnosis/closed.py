@@ -15,17 +15,16 @@ from scipy import stats
 from ..core.effects.stand_in import covered, over
 from ..core.state import COORDINATES
 from ..estimation.kalman import LinearRun
-from ..estimation.linear import histories
 from ..estimation.scores import pushed_by
-from ..estimation.shooting import Fit, linearise_all
-from .factor import Factor, factors_of
+from ..estimation.shooting import Fit, all_histories, linearise_all
+from .factor import Factor
 from .laws.code import Written
 from .laws.fitting import Fitted, Table, fitted, starts_of
-from .laws.forms import ALONG, Form, Range, forms_on
+from .laws.forms import Form, Range, forms_on
 from .laws.propose import in_place
 from .moves import State, Task, described, shaken, with_law
-from .screening import Asked, Equations, equations, sizes_of, spans_of, tables_on_one
-from .settings import COARSE, FORCES_REFITTED, LEVEL, MEDIUM
+from .screening import Asked, Equations, equations, products, sizes_of, tables_on_one
+from .settings import FORCES_REFITTED, LEVEL
 
 
 @dataclass(frozen=True)
@@ -58,23 +57,12 @@ def promises(task: Task, f: Fit, systems: Sequence[LinearRun], lacking: Sequence
     """What closed forms promise on all that a force may depend on and act on, the best first."""
     problem = task.problem
     on_one = {on: t for on, t in tables_on_one(problem, f, lacking).items() if pushed_by(on) in lacking}
-    rough = {on: _products(task, f, on) for on in on_one if on in COORDINATES}
+    runs = all_histories(problem, f)
+    rough = {on: products(runs, on) for on in on_one if on in COORDINATES}
     found = _best(task, f, systems, on_one, lacking)
     near = [p for p in _best(task, f, systems, rough, lacking) if p.gain > 0.0][:FORCES_REFITTED]
     fine = {on: [t for p in near if p.asked.acts_on == on for t in _finer(p.asked.asked)] for on in rough}
     return sorted([*found, *_best(task, f, systems, fine, lacking, rough)], key=lambda p: -p.gain)
-
-
-def _products(task: Task, f: Fit, on: str) -> list[Asked]:
-    """Tables of forces in a coordinate on one variable times another, as coarse as shows which may be worth more."""
-    runs = [histories(d, path) for d, path in zip(task.problem.runs, f.paths, strict=True)]
-    spans = spans_of(runs)
-    return [
-        Asked(v, *over(*span, MEDIUM if v in ALONG else COARSE), factor)
-        for factor in factors_of(on, runs, spans)
-        for v, span in spans.items()
-        if v != factor.variable
-    ]
 
 
 def _finer(rough: Asked) -> list[Asked]:

@@ -17,11 +17,11 @@ from ..estimation.kalman import LinearRun, log_determinant
 from ..estimation.problem import Problem
 from ..estimation.scores import shares_in
 from ..estimation.shooting import ANEW, Fit, all_histories, linearise_all
-from .factor import FACTORS, Factor, factors_of
+from .factor import FACTORS, Factor
 from .laws.forms import ALONG
 from .moves import State, Task, law_price, shaken, smoothed_anew, with_law, without
-from .screening import FINE_SHARES, Asked, columns_of, spans_of, tables_over
-from .settings import COARSE, FINE, MEDIUM, TWINS
+from .screening import FINE_SHARES, Asked, Spans, columns_of, products, spans_of, tables_over
+from .settings import FINE, MEDIUM, TWINS
 from .smooth import Smooth
 
 #: Products that are laid on a finer table and refitted.
@@ -80,17 +80,14 @@ def _tried(task: Task, plain: State, systems: Sequence[LinearRun], on: str) -> l
     runs = all_histories(problem, f)
     spans = spans_of(runs)
 
-    def tables(factor: Factor | None, finely: bool) -> list[Asked]:
-        others = {v: span for v, span in spans.items() if factor is None or v != factor.variable}
-        along, across = ((MEDIUM, FINE), (MEDIUM,)) if finely else ((MEDIUM,), (COARSE,))
-        return tables_over(others, lambda v: along if v in ALONG else across, factor)
+    def finely(spans: Spans, factor: Factor | None = None) -> list[Asked]:
+        return tables_over(spans, lambda v: (MEDIUM, FINE) if v in ALONG else (MEDIUM,), factor)
 
-    singles = tables(None, finely=True)
-    rough = [t for factor in factors_of(on, runs, spans) for t in tables(factor, finely=False)]
+    singles, rough = finely(spans), products(runs, on)
     promised = promises(problem, f, systems, on, [*singles, *rough])
-    alone, products = promised[: len(singles)], promised[len(singles) :]
-    best = sorted(products, key=lambda p: -p.gain)[: 2 * REFITTED]
-    finer = [t for p in best for t in tables(p.asked.factor, finely=True) if t.variable == p.asked.variable]
+    alone, of_two = promised[: len(singles)], promised[len(singles) :]
+    best = [p.asked for p in sorted(of_two, key=lambda p: -p.gain)[: 2 * REFITTED]]
+    finer = [t for a in best for t in finely({a.variable: spans[a.variable]}, a.factor)]
     found = sorted(promises(problem, f, systems, on, finer), key=lambda p: -p.unseen) if finer else []
     known, known_unseen = max(alone, key=lambda p: p.gain), max(alone, key=lambda p: p.unseen)
     kept = [p for p in found if p.unseen > known_unseen.unseen and p.gain > max(known.gain, law_price())][:REFITTED]

@@ -23,7 +23,7 @@ from ..estimation.shooting import Fit, all_histories
 from ..estimation.structure import Structure
 from . import unheard
 from .candidates import Candidate, sought
-from .factor import Factor
+from .factor import Factor, factors_of
 from .laws.forms import ALONG
 from .settings import COARSE, FINE, IN_PAIRS, IN_TRIPLES, LARGEST_SET, MEDIUM
 from .smooth import Smooth, smoothest_of
@@ -204,6 +204,21 @@ class Asked:
 def tables_over(spans: Spans, sizes: Callable[[str], Sequence[int]], factor: Factor | None = None) -> list[Asked]:
     """The tables of a force over each variable, of the ``sizes`` (intervals) that it has."""
     return [Asked(v, *over(*span, n), factor) for v, span in spans.items() for n in sizes(v)]
+
+
+def products(runs: Sequence[Mapping[str, np.ndarray]], on: str) -> list[Asked]:
+    """Tables of forces in a coordinate on one variable times another, as coarse as shows which may be worth more;
+    ``runs`` are the histories of all variables."""
+    spans = spans_of(runs)
+    return [
+        t
+        for factor in factors_of(on, runs, spans)
+        for t in tables_over(
+            {v: span for v, span in spans.items() if v != factor.variable},
+            lambda v: (MEDIUM if v in ALONG else COARSE,),
+            factor,
+        )
+    ]
 
 
 def columns_of(problem: Problem, fit: Fit, i: int, on: str, tables: Sequence[Asked]) -> Columns:
